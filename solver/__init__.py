@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from solver.engine import Engine
     from solver.errors import BagError, ConsistencyError, MbdError, SceneError, SpecError, StepError
+    from solver.levels import simulation_of
     from solver.output.snapshot import Channels, Snapshot
     from solver.parallel import advance_all
     from solver.scene import Scene
@@ -51,6 +51,7 @@ _HOMES = {  # public name -> module it is imported from when it is asked for
     'Scene': 'solver.scene',
     'Simulation': 'solver.simulation',
     'advance_all': 'solver.parallel',
+    'simulation_of': 'solver.levels',
 }
 
 
@@ -73,28 +74,6 @@ def load_scene_text(text: str, name: str = 'scene', overrides: Sequence[str] = (
     from solver.files import scene
 
     return scene.load_scene_text(text, name, overrides)
-
-
-def simulation_of(scene: Scene) -> Simulation:
-    """The simulation of a scene at its start, by its fidelity, its switches and the kind of its integrator.
-
-    Compiles what it needs, which takes a minute the first time (`mbd compile`). Raises SpecError or SceneError for what cannot be
-    simulated, and ConsistencyError where no consistent start was found.
-    """
-    from solver.engine.stepping import KINDS, Stepping
-    from solver.levels import derive
-    from solver.simulation import Simulation
-
-    derived = derive(scene)
-    make = derived.engine or (Stepping if derived.scene.integrator.kind in KINDS else _following)
-    return Simulation(derived.scene, make, level=None if derived.as_given else derived.report)
-
-
-def _following(scene: Scene) -> Engine:
-    """The engine of the reference integrators; scipy's are imported where one is asked for."""
-    from solver.reference.engine import Following
-
-    return Following(scene)
 
 
 def __getattr__(name: str) -> Any:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+from typing import TYPE_CHECKING
 
 from solver.errors import SceneError, SpecError
 from solver.findings import LevelReport
@@ -16,7 +17,11 @@ from solver.levels.derived import Derived, channels, moved_imu
 from solver.levels.switches import switched
 from solver.scene import Scene
 
-__all__ = ['Derived', 'LevelReport', 'derive']
+if TYPE_CHECKING:
+    from solver.engine import Engine
+    from solver.simulation import Simulation
+
+__all__ = ['Derived', 'LevelReport', 'derive', 'simulation_of']
 
 LEVELS = {'condensed': 'solver.levels.condensed', 'kc': 'solver.levels.kc', 'single_track': 'solver.levels.single_track'}
 """Level -> the module with its `derive(scene) -> Derived`: from a scene with `fidelity: full` and no switches."""
@@ -53,3 +58,24 @@ def derive(scene: Scene) -> Derived:
     if certificate is not None:
         report = with_certificate(report, certificate)
     return dataclasses.replace(derived, report=report)
+
+
+def simulation_of(scene: Scene) -> Simulation:
+    """The simulation of a scene at its start, by its fidelity, its switches and the kind of its integrator.
+
+    Compiles what it needs, which takes a minute the first time (`mbd compile`). Raises SpecError or SceneError for what cannot be
+    simulated, and ConsistencyError where no consistent start was found.
+    """
+    from solver.engine.stepping import KINDS, Stepping
+    from solver.simulation import Simulation
+
+    derived = derive(scene)
+    make = derived.engine or (Stepping if derived.scene.integrator.kind in KINDS else _following)
+    return Simulation(derived.scene, make, level=None if derived.as_given else derived.report)
+
+
+def _following(scene: Scene) -> Engine:
+    """The engine of the reference integrators; scipy's are imported where one is asked for."""
+    from solver.reference.engine import Following
+
+    return Following(scene)

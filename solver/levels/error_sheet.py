@@ -28,6 +28,7 @@ from solver.elements.road import HeightGrid, RoadSpec
 from solver.findings import ErrorFigure
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, SineWithDwell, Step, Sweep
+from solver.levels import simulation_of
 from solver.levels.track_straight import gear_of
 from solver.model.spec import ModelSpec
 from solver.quantities import names, published, quantity
@@ -75,19 +76,12 @@ def step_of(model: ModelSpec) -> float:
     return round(H * size_of(model).time, 9)
 
 
-def simulated(scene: Scene) -> Simulation:
-    """The simulation of a scene at its level (solver.simulation_of)."""
-    from solver import simulation_of
-
-    return simulation_of(scene)
-
-
 def angles(model: ModelSpec, accelerations: tuple[float, ...]) -> list[float]:
     """Angles of the steering wheel [rad] at lateral accelerations [m/s^2], from a slow ramp of the whole vehicle at SPEED."""
     t = size_of(model).time
     slower = min(1.0, gear_of(model) / DIRECT) / t
     ramp = Course('slow ramp', SPEED * t, Maneuver(steering=Ramp(slope=RAMP * slower, start=0.5 * t)), 8.0 * t)
-    simulation = simulated(course_scene(model, ramp, 'full', h=2.0 * step_of(model)))
+    simulation = simulation_of(course_scene(model, ramp, 'full', h=2.0 * step_of(model)))
     column, chassis = simulation.channels.inputs.index('steering'), simulation.channels.chassis or 0
     wheel, lateral = [0.0], [0.0]
     while simulation.t_ns < ramp.duration * 1e9 and lateral[-1] < max(accelerations):
@@ -188,8 +182,8 @@ def error_sheet(
         every = courses(bare)
         for k, course in enumerate(every):
             progress(course.name, (k + 0.5) / len(every))
-            whole = shown(simulated(course_scene(bare, course, 'full')), course, h)
-            ours = shown(simulated(course_scene(bare, course, fidelity, switches)), course, h)
+            whole = shown(simulation_of(course_scene(bare, course, 'full')), course, h)
+            ours = shown(simulation_of(course_scene(bare, course, fidelity, switches)), course, h)
             found += compared(bare, course.name, ours, whole)
         return [dataclasses.asdict(figure) for figure in found]
 
