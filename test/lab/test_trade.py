@@ -11,7 +11,7 @@ import pytest
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.lab.studies import trade
 
-SCENE = ['light_car_step_steer', '--set', 'duration=1', '--set', 'maneuver.steering.start=0.2']
+SCENE = ['light_car_step_steer', '--set', 'duration=0.6', '--set', 'maneuver.steering.start=0.1']
 
 
 @pytest.mark.slow

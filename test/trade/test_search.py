@@ -28,7 +28,7 @@ from solver.trade.search import STEP_SETS, Search
 from solver.trade.setting import Setting
 from solver.trade.variations import AS_GIVEN, inside
 
-SHORT = ['duration=0.6', 'maneuver.steering.start=0.1']
+SHORT = ['duration=0.4', 'maneuver.steering.start=0.1']
 
 
 def priced(scene: Scene, setting: Setting) -> PerStep:
