@@ -100,7 +100,7 @@ def compare(
     names, only_in_run, only_in_reference = shared_names(homes, channels, [name for r in (run, *references) for name in r.names])
     if exact:
         if len(references) != 1 or offset != 0.0 or align is not None:
-            raise BagError('an exact comparison is of two recordings, without offset')
+            raise BagError('--exact compares two recordings as they are: give two of them, without --offset and --align')
         unit_of = units(run, *references)
         alone = len(only_in_run) + len(only_in_reference)
         exactly = [exact_difference(name, homes[0][name], homes[1][name], unit_of(name)) for name in names]
@@ -116,7 +116,7 @@ def compare(
     counted = [name for name in names if name in COUNTERS]
     names = [name for name in names if name not in COUNTERS]
     if counted and not names:
-        raise BagError(f'{counted[0]} counts steps, which another step size does differently; it is compared by --exact alone')
+        raise BagError(f'{counted[0]} counts steps, and their number depends on the step size; only --exact compares it')
     origins, shifts, found = _clocks(homes, offset, align)
     unit_of = units(run, *references)
     items = items_of(names, homes, unit_of, held)

@@ -50,7 +50,8 @@ def add_log_times(parser: Any) -> None:
 
 
 class Settings(argparse.Action):
-    """--set KEY=VALUE, repeatable. One that another one behind it replaces with all around it is refused: it would be lost."""
+    """--set KEY=VALUE, repeatable. An override of a part comes after an override of the whole; the other order is
+    refused, since the part would be lost."""
 
     def __call__(self, parser: Any, namespace: argparse.Namespace, value: Any, option_string: str | None = None) -> None:
         from solver.files.yaml_tree import overtaken
@@ -59,7 +60,9 @@ class Settings(argparse.Action):
         lost = overtaken(given)
         if lost is not None:
             part, whole = (one.partition('=')[0] for one in lost)
-            parser.error(f'--set {part}: is replaced with all of {whole} by --set {whole} behind it; give them the other way round')
+            parser.error(
+                f'--set {part}: has no effect, because --set {whole} comes later and replaces all of {whole}; give --set {whole} first'
+            )
         setattr(namespace, self.dest, given)
 
 

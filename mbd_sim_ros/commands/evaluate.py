@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> Result:
     if args.list:
         return listed()
     if not args.bags:
-        raise SpecError('mbd evaluate: which recording? give a BAG, or --list')
+        raise SpecError('mbd evaluate: the recording is missing; give a BAG, or --list')
     sources = mapping.pairs(args.map)
     axes: tuple[mapping.Axes, ...] = ()
     time = None

@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> Result:
 
     evaluations = judging.called(args.name)
     if args.vehicle is None:
-        raise SpecError(f'mbd maneuver {args.name}: which VEHICLE? e.g. mbd maneuver {args.name} light_car')
+        raise SpecError(f'mbd maneuver {args.name}: the VEHICLE is missing; e.g. mbd maneuver {args.name} light_car')
     given = judging.assignments(args.given, '--with')
     for evaluation in evaluations:
         judging.parameters_of(evaluation, given)

@@ -305,9 +305,11 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
     for given in args.overrides:
         section = given.partition('=')[0].partition('.')[0].strip()
         if section in ('duration', 'maneuver'):
-            raise SpecError(f'--set {given}: a replay has the inputs and the time of its recording; mbd run takes others')
+            raise SpecError(f'--set {given}: a replay keeps the inputs and the duration of its recording; change them with mbd run')
         if section == 'start' and before.state is not None:
-            raise SpecError(f'--set {given}: {args.bag} begins with a state of its own; replay a recording that begins at the start')
+            raise SpecError(
+                f'--set {given}: {args.bag} begins with a saved state, so start has no effect; replay a recording that begins at the start'
+            )
     text, name = before.metadata['resolved_scene'], f'scene in {args.bag}'
     first = load_scene_text(text, name, overrides)
     h_ns = first.integrator.h_ns
@@ -320,8 +322,8 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
     else:
         if h_ns != applied.h_ns or args.vehicle or args.fidelity:
             raise SpecError(
-                f'{args.bag} begins with step {applied.first + 1} elsewhere than its scene: its state there is of a step of '
-                f'{applied.h_ns * 1e-9:g} s and of its vehicle and level; keep all, or replay a recording that begins at the start'
+                f'{args.bag} begins before step {applied.first + 1} with a saved state, which fits a step of '
+                f'{applied.h_ns * 1e-9:g} s, its vehicle and its level only; keep all three, or replay a recording that begins at the start'
             )
         figures = simulate(
             simulation, applied.last, directory=directory, progress=not args.json, state=before.state,

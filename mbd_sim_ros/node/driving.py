@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 
 class Driving:
-    """Whoever drives a simulation over topics. names: of the commands, as they are latched; uncommanded: inputs that none is for.
+    """Driver of a simulation over topics. names: of the commands, as they are latched; uncommanded: inputs that no
+    topic drives.
 
     value: gives the parameters of the node. deaf: the maneuver of the scene drives instead, whose parts these then are.
     Raises SpecError.

@@ -45,7 +45,9 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
     from solver.files.yaml_tree import overtaken
 
     if (lost := overtaken(overrides)) is not None:
-        raise SpecError(f'parameter overrides: {lost[0]} is replaced as a whole by {lost[1]} behind it; give them the other way round')
+        raise SpecError(
+            f'parameter overrides: {lost[0]} has no effect, because {lost[1]} comes later and replaces all of it; give {lost[1]} first'
+        )
     loaded = load_published(scene, overrides)
     kind = loaded.integrator.kind
     if kind not in KINDS:

@@ -287,10 +287,10 @@ class Running:
         """
         odom = self.value('frame_prefix') + 'odom'
         if frame not in ('', 'map', odom):
-            raise SpecError(f'frame {frame!r}: a place is taken in map or {odom} only; set the fixed frame of who sends it')
+            raise SpecError(f'frame {frame!r}: a pose must be given in map or {odom}; set the fixed frame of its sender')
         heading = heading_of(orientation)
         if not (math.isfinite(x) and math.isfinite(y)):
-            raise SpecError(f'x = {x}, y = {y}: a place must be two numbers')
+            raise SpecError(f'x = {x}, y = {y}: must be two finite numbers')
         found, last = self.recording.found(), self.simulation.snapshot()  # behind the placing both are others
         self.simulation.place(x, y, heading)
         said = ''

@@ -121,7 +121,13 @@ class Sweep:
             other = places.setdefault((*above, bare(last)), name)
             require(other is name, 'sweep', 'parameters', name, f'is the same key as {other}; keep one of them')
             if (lost := overtaken([*self.set, name])) is not None:
-                require(False, 'sweep', 'set', lost[0], f'{lost[1]} behind it replaces it as a whole; make it a parameter too')
+                require(
+                    False,
+                    'sweep',
+                    'set',
+                    lost[0],
+                    f'has no effect, because the parameter {lost[1]} replaces all around it; make it a parameter too',
+                )
         if self.design.kind in SENSITIVITY:
             for name, parameter in self.parameters.items():
                 require(parameter.ranged, 'sweep', name, parameter.values, f'a design of kind {self.design.kind} needs low and high')

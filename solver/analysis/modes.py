@@ -68,7 +68,8 @@ def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
     """
     if model.spec.struts:
         raise SpecError(
-            f'strut {model.spec.struts[0].name!r}: the modes of its mount are none of the bodies; take the whole vehicle for modes'
+            f'strut {model.spec.struts[0].name!r}: its mount has modes of its own, which those of bodies leave out; '
+            'take fidelity: full for modes'
         )
     start = ConsistentState(model)
     tables, kept = model.with_tables({TIRES.name: rolling_tires(model.elements[TIRES.name].value)} if model.spec.tires else {})

@@ -31,7 +31,7 @@ NOT_FINITE = Check(
     'not finite ends with `error`',
     measure=not_finite,
     reason='the energy account overflows',
-    remedy='Energies in it are too large for numbers: look for a value of a wrong size',
+    remedy='Energies exceed the range of numbers: look for a value of a wrong order of magnitude',
 )
 
 
@@ -103,5 +103,5 @@ UNSEEN = Check(
     rule='half a step: time that was advanced without an account',
     measure=unseen,
     reason='steps were advanced without an account',
-    remedy='Nothing is known of them: advance them with audit',
+    remedy='Errors of these steps are unknown: advance with audit=True',
 )

@@ -45,6 +45,6 @@ RECORDED_INPUTS = Check(
     limit=0.0,
     rule='doubts about a recording that drives the run: messages left out, merged or put in another order, or a run that was suspect',
     measure=recorded_inputs,
-    reason='the inputs are not all that was recorded',
-    remedy='Mend the recording, or take another one',
+    reason='the recorded inputs are incomplete or doubtful',
+    remedy='Repair the recording, or take another one',
 )

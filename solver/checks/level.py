@@ -34,6 +34,6 @@ ENVELOPE = Check(
     rule='the ranges of a level (`mbd info`), and of the certificate of a plan',
     measure=None,
     reason='the run leaves its envelope',
-    remedy='Plan a scene that goes so far, or take fidelity: full',
+    remedy='Make a plan of a scene that covers this range, or take fidelity: full',
     plan='coarse',
 )

@@ -35,7 +35,7 @@ ROTATION = Check(
     rule='turn of a bushing, whose torque jumps to the other side at pi; none where no bushing resists turning',
     measure=rotation,
     reason='bushing {where!r} turns as far as pi, where its torque changes sides',
-    remedy='Take a joint for what turns so far, and a coordinate_force on its angle',
+    remedy='Replace it by a joint that turns so far, with a coordinate_force on its angle',
     plan='scene',
 )
 

@@ -102,7 +102,7 @@ TIRE_DEFLECTION = Check(
     'rim go on along straight lines that mean nothing',
     measure=tire_deflection,
     reason='tire {where!r} is pressed in beyond its rim',
-    remedy='Its load means nothing there: reduce what loads it, or take a tire for such loads',
+    remedy='The load of a tire means nothing there: load the tire less, or take one for such loads',
     plan='scene',
 )
 TIRE_LOAD = Check(
@@ -125,7 +125,7 @@ ROLLOVER = Check(
     'nothing but tires touches the road',
     measure=None,
     reason='the vehicle rolls over: {where!r} leans to its side',
-    remedy='Nothing but its tires touches the road, the rest falls through it: only what was before is to be believed',
+    remedy='Only tires touch the road in this model, and the body falls through it: results are valid only before that time',
     plan='scene',
 )
 ARTICULATION = Check(

@@ -54,7 +54,11 @@ def require_converter(where: str, speed_ratios: Sequence[float], torque_ratios: 
             finite(where, f'{name}[{k}]', value, low=0.0)
     require(capacities[0] > 0.0, where, 'capacities[0]', capacities[0], 'must be > 0')
     require(
-        capacities[-1] == 0.0, where, f'capacities[{len(capacities) - 1}]', capacities[-1], 'must be 0: where both turn alike nothing flows'
+        capacities[-1] == 0.0,
+        where,
+        f'capacities[{len(capacities) - 1}]',
+        capacities[-1],
+        'must be 0: no oil flows where pump and turbine turn alike',
     )
     for k, (nu, ratio) in enumerate(zip(speed_ratios, torque_ratios, strict=True)):
         require(nu * ratio <= 1.0, where, f'torque_ratios[{k}]', ratio, f'times the speed ratio {nu:g} must be at most 1: its efficiency')

@@ -44,7 +44,7 @@ def require_engine(where: str, speeds: Sequence[float], pedals: Sequence[float],
     require_rising(where, 'pedals', pedals)
     require_grid(where, 'torques', torques, ('pedals', len(pedals)), ('speeds', len(speeds)))
     for k, row in enumerate(torques):
-        require(row[-1] <= row[-2], where, f'torques[{k}]', row[-1], 'must not rise towards the last speed, where it goes on')
+        require(row[-1] <= row[-2], where, f'torques[{k}]', row[-1], 'must not rise towards the last speed: the curve goes on so beyond it')
 
 
 def continued_below(law: Law) -> Law:

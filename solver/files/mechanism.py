@@ -86,8 +86,8 @@ class MechanismReader:
                 )
             if not any(isinstance(fields[m][1], ScalarNode) for m in markers if m in fields):
                 raise SceneError(
-                    f'{where(fields["at"][0])}: {join(path, "at")}: places nothing, for each marker says itself where it is; '
-                    'give a marker as the bare name of its body to have it there, or remove this key'
+                    f'{where(fields["at"][0])}: {join(path, "at")}: has no effect, since every marker has a place of its own; '
+                    'give one marker as the bare name of its body, to place it here, or remove this key'
                 )
             placement = self.placement(builder, fields, path)
         given: dict[str, object] = {m: self._marker(builder, fields.pop(m)[1], join(path, m), placement) for m in markers if m in fields}
@@ -158,7 +158,8 @@ class MechanismReader:
         value = builder.build(float | tuple[tuple[float, float], ...], node, path)  # type: ignore[arg-type]
         if isinstance(value, float) and value < 0.0:
             # a sign by mistake: what no step resolves of the motion that grows from it is damped away, and nothing shows
-            raise refuse(node, path, f'a rate below 0 drives apart what it should hold; give {-value:g}, or points where it is meant so: '
+            raise refuse(node, path, f'a negative rate pushes apart what it should hold together; give {-value:g}, '
+                         f'or, where that is intended, points: '
                          f'[[-1, {-value:g}], [1, {value:g}]]')  # fmt: skip
         return Law.linear(value) if isinstance(value, float) else Law.table(value)
 

@@ -119,7 +119,9 @@ def _require_car(spec: ModelSpec) -> None:
     refuse_trailer(spec)
     refuse_locked(spec)
     if TORQUE in spec.inputs:
-        raise SpecError('a torque turns the steering wheel, which is held where this level is measured; use condensed or full')
+        raise SpecError(
+            'actuation.steering is torque, and this level is measured with a steering wheel that is held; use condensed or full'
+        )
     if {tire.name for tire in spec.tires} != set(CORNERS):
         raise SpecError('a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full')
     names = {c.name for c in spec.coordinates} | {joint.name for joint in spec.joints}
@@ -359,7 +361,10 @@ class _Reduction:
         for k in first[1:]:
             share = abs(moves[k][0] / moves[own][0])
             if share > CROSSED and k not in other[:1]:  # that of the other wheel of a dependent axle moves too
-                raise SpecError(f'{len(first)} dampers move with one wheel, another one by {100 * share:.0f} % of the first; use full')
+                raise SpecError(
+                    f'{len(first)} dampers move with one wheel, and this level has one damper per wheel '
+                    f'(a further one moves by {100 * share:.0f} % of the first); use full'
+                )
         law = self.spec.spring_dampers[int(own)].damper
         assert law is not None
         yields = inverse_law(law)

@@ -59,7 +59,7 @@ def require_return(bench: Bench, rest: Stand) -> None:
     back = bench.stand()
     if max(np.abs(back.x[c] - rest.x[c]).max() for c in CORNERS) > SAME * max(1.0, bench.size.length):
         raise ConsistencyError(
-            'the bench of the level kc came back from its travels to another equilibrium of the vehicle; use condensed or full'
+            'the bench of the level kc found another equilibrium of the vehicle after its travels than before; use condensed or full'
         )
 
 

@@ -72,7 +72,9 @@ def derive(scene: Scene) -> Derived:
         raise SceneError(f'{where}: actuation.wheels: this level has no single wheels; remove it or take another level')
     other = [name for name in scene.maneuver.channels if name not in COMMANDS]
     if other:
-        raise SceneError(f'{where}: maneuver: {other[0]!r} acts on what this level does not model; remove it or take another level')
+        raise SceneError(
+            f'{where}: maneuver: {other[0]!r} acts on a part that this level does not model; remove this input or take another level'
+        )
     found = derived('single_track', repr(dataclasses.replace(model, road=RoadSpec())), lambda: identified(model))
     parameters = {name: found[name] for name in ('mounting', 'body', 'front', 'rear')}
     report = LevelReport(

@@ -133,7 +133,9 @@ def settled(tables: Ref, straight: np.ndarray, speed: float, u: np.ndarray, inde
     for _ in range(round(SETTLE_TIME / SETTLE_EVERY)):
         if advance(tables, y, rows, index, held, 0, round(SETTLE_EVERY / LONGEST), False, LONGEST, 1, w, frame)[0]:
             wheel = f'with the steering wheel at {u[index[0]]:g} rad'
-            raise ConsistencyError(f'start: the vehicle does not settle at {speed:g} m/s {wheel}: take less of either at t = 0')
+            raise ConsistencyError(
+                f'start: the vehicle does not settle at {speed:g} m/s {wheel}: reduce the speed or the steering angle at t = 0'
+            )
         side = arm * y[ROLL]  # which the centre of mass of the chassis has moved to the right
         now = y[VX] + y[YAW_RATE] * (side - t.mounting.com_y)
         most = SPINNING * math.hypot(y[VX], y[VY]) / abs(speed)

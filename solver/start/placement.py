@@ -63,10 +63,10 @@ class Changes:
         parts = []
         if self.placed_by:
             moved, turned = _said(self.distance, 'm', self.moved), _said(math.degrees(self.turn), 'deg', self.turned)
-            parts.append(f'{self.placed_by} moved bodies by up to {" and ".join(filter(None, (moved, turned)))}')
+            parts.append(f'{self.placed_by}: bodies moved by up to {" and ".join(filter(None, (moved, turned)))}')
         if self.set_by:
             faster, spun = _said(self.velocity, 'm/s', self.faster), _said(self.rate, 'rad/s', self.spun)
-            parts.append(f'{self.set_by} changed velocities by up to {" and ".join(filter(None, (faster, spun)))}')
+            parts.append(f'{self.set_by}: velocities changed by up to {" and ".join(filter(None, (faster, spun)))}')
         if self.corrected:
             parts.append(f'the velocity given for {self.corrected} does not fit the constraints and was changed by {self.correction:.3g}')
         if self.obstacle:
@@ -181,7 +181,7 @@ def refuse_turned_over(model: Model, state: State) -> None:
         if float(product(F[:, 0], G[:, 0]) + product(F[:, 1], G[:, 1]) + product(F[:, 2], G[:, 2])) < 0.0:  # 3 where parallel, -1 else
             raise ConsistencyError(
                 f'start: the markers of joint {joint.name!r} ({joint.kind}) are turned by 180 deg against each other; turn one of the two '
-                'markers by 180 deg, or, where start.kind: assemble turned them over, place its bodies nearer to how they belong'
+                'markers by 180 deg, or, where start.kind: assemble turned them over, place its bodies nearer to their assembled positions'
             )
 
 
@@ -229,7 +229,7 @@ def refuse_undirected(model: Model, state: State, u: np.ndarray) -> None:
         if length < COINCIDING and force != 0.0:
             raise ConsistencyError(
                 f'start: spring-damper {spec.name!r} has length zero, so its force of {force:.3g} N has no direction; place its bodies '
-                'apart, or let it be without force there (free_length: 0, no preload)'
+                'apart, or give it no force at length zero (free_length: 0, no preload)'
             )
 
 
@@ -251,5 +251,5 @@ def refuse_unloaded_wheels(model: Model, state: State, u: np.ndarray) -> None:
     if free:
         raise ConsistencyError(
             f'start: in the static equilibrium that was found nothing rests on {", ".join(free)}: the vehicle stands on its other wheels '
-            'only; place it nearer to how it stands, on a gentler slope, or with less or no brake_torque at t = 0'
+            'only; place it nearer to its equilibrium, on a gentler slope, or with less or no brake_torque at t = 0'
         )

@@ -69,7 +69,8 @@ def take(tables, c, control, source, before, target, after, h, u, t, outputs, au
     """One step of size h from source, with the history `before`, to target, with the history `after` (or the same) where it succeeds;
     source is left as it was.
 
-    follow: how far inputs are continued to the end of the step (keep_account). Returns the counters; the result is in work.
+    follow: fraction of the interval by which inputs are extrapolated to the end of the step (keep_account). Returns the
+    counters; the result is in work.
     """
     size = before.size[0]
     between = (1.0 - c.af) * h + c.af * size

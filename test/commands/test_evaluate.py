@@ -105,7 +105,7 @@ def test_a_table_in_the_units_of_its_header_is_evaluated_in_si(
         (['--as', 'iso7401_stepp'], "did you mean 'iso7401_step'"),
         (['--as', 'iso7401_step'], 'none of the channels that evaluations use is in it'),
         (['--as', 'iso7401_step', '--map', 'car/wheel/angle=steering'], 'has no speed along the vehicle: the channel speed or'),
-        (['--as', 'iso13674', '--mapping', 'FILE'], 'no weaving in it'),
+        (['--as', 'iso13674', '--mapping', 'FILE'], 'no weaving in the recording'),
         (['--as', 'iso7401', '--mapping', 'FILE'], 'hold? iso7401_step, iso7401_frequency'),
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settle=1'], "did you mean 'settled'"),
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settled'], 'write it as KEY=NUMBER'),

@@ -142,7 +142,7 @@ def test_a_mechanism_without_inputs_is_replayed_with_other_settings(tmp_path, ca
         assert (code, data['status'], data['steps']) == (0, 'compared', steps * round(0.1 / h))
     for setting in ('duration=1', 'maneuver={}', 'maneuver.steering.value=1'):
         code, data = document(capsys, 'replay', recorded, '--set', setting)
-        assert code == 2 and data['error'].startswith(f'--set {setting}: a replay has the inputs and the time of its recording')
+        assert code == 2 and data['error'].startswith(f'--set {setting}: a replay keeps the inputs and the duration of its recording')
 
 
 def test_a_replay_that_is_suspect_is_told(tmp_path, capsys):
@@ -282,7 +282,7 @@ def test_recordings_begun_while_running_and_after_restore_replay_to_the_same_bit
     largest = {name: one['max'] for name, one in data['channels'].items() if one['max'] > 1e-15}
     assert code == 0 and not largest  # the same settings: what is left is the rounding of interpolation
     code, data = document(capsys, 'replay', tmp_path / 'again', '--set', 'integrator.h=0.002')
-    assert code == 2 and 'its state there is of a step of 0.001 s' in data['error']
+    assert code == 2 and 'a saved state, which fits a step of 0.001 s' in data['error']
 
 
 def test_a_recording_that_begins_at_step_0_elsewhere_than_its_scene_is_replayed_from_there(tmp_path, capsys):
@@ -296,7 +296,10 @@ def test_a_recording_that_begins_at_step_0_elsewhere_than_its_scene_is_replayed_
     assert (code, data['status'], data['steps']) == (0, 'identical', 50)
     code, data = document(capsys, 'replay', tmp_path / 'r', '--set', f'integrator.iterations={scene.integrator.iterations}')
     assert code == 0 and max(one['max'] for one in data['channels'].values()) < 1e-15
-    for setting, says in (('integrator.h=0.002', 'its state there is of a step of 0.001 s'), ('start.speed=3', 'with a state of its own')):
+    for setting, says in (
+        ('integrator.h=0.002', 'a saved state, which fits a step of 0.001 s'),
+        ('start.speed=3', 'with a saved state, so start has no effect'),
+    ):
         code, data = document(capsys, 'replay', tmp_path / 'r', '--set', setting)
         assert code == 2 and says in data['error']
 

@@ -38,7 +38,10 @@ def test_what_another_setting_would_replace_is_refused(command: list[str], capsy
     settings = ['maneuver.steering=0.1', 'integrator.h=1e-3', 'maneuver={}']
     assert main([*command, '--json', *(word for one in settings for word in ('--set', one))]) == 2
     told = json.loads(capsys.readouterr().out)['error']
-    assert '--set maneuver.steering: is replaced with all of maneuver by --set maneuver behind it; give them the other way round' in told
+    assert (
+        '--set maneuver.steering: has no effect, because --set maneuver comes later and replaces all of maneuver; give --set maneuver first'
+        in told
+    )
 
 
 def test_options_for_keys_of_a_scene_are_overrides_before_those_of_set() -> None:

@@ -124,9 +124,12 @@ def test_inputs_are_those_that_elements_name_and_drivers_bring_their_derivatives
         ),
         (
             'rods:\n  r: {i: a, j: b, length: 1, law: -1e9}',
-            'file.yaml:6: rods.r.law = -1e9: a rate below 0 drives apart what it should hold',
+            'file.yaml:6: rods.r.law = -1e9: a negative rate pushes apart what it should hold together',
         ),
-        ('spring_dampers:\n  s: {i: a, j: b, free_length: 1, damper: -5}', 'give 5, or points where it is meant so: [[-1, 5], [1, -5]]'),
+        (
+            'spring_dampers:\n  s: {i: a, j: b, free_length: 1, damper: -5}',
+            'give 5, or, where that is intended, points: [[-1, 5]',
+        ),
         ('joints:\n  j: {kind: fixed, i: a, j: b, axis: [1, 0, 0]}', "file.yaml:6: joints.j.axis: needs the key 'at' beside it"),
         ('joints:\n  j: {kind: fixed, i: a, j: b, at: [0, 0, 0], axis: [0, 0, 0]}', 'joints.j.axis = [0, 0, 0]: the axis must not be zero'),
         ('joints:\n  j: {kind: fixed, i: a, j: b, at: [0, 0, 0], axis: [1, 0, 0], x_axis: [2, 0, 0]}', 'must not be parallel'),
@@ -135,9 +138,9 @@ def test_inputs_are_those_that_elements_name_and_drivers_bring_their_derivatives
         ('joints:\n  j: {kind: fixed, i: {body: a, at: [0, 0, 0], position: [0, 0, 0]}, j: b}', "either 'at'"),
         (
             'joints:\n  j: {kind: revolute, i: {body: a}, j: {body: b}, at: [0, 0, 0], axis: [1, 0, 0]}',
-            'file.yaml:6: joints.j.at: places nothing, for each marker says itself where it is; give a marker as the bare name of its body',
+            'file.yaml:6: joints.j.at: has no effect, since every marker has a place of its own; give one marker as the bare ',
         ),
-        ('applied_forces:\n  f: {marker: {body: a}, input: u, at: [0, 0, 0]}', 'applied_forces.f.at: places nothing'),
+        ('applied_forces:\n  f: {marker: {body: a}, input: u, at: [0, 0, 0]}', 'applied_forces.f.at: has no effect'),
         ('joints:\n  j: {kind: fixed, i: {body: a, at: [0, 0, 0], foo: 1}, j: b}', 'joints.j.i.foo: unknown key'),
         ('joints:\n  j: {kind: fixed, i: {body: a, positon: [0, 0, 0]}, j: b}', "did you mean 'position'"),
         ('spring_dampers:\n  s: {i: a, j: b, free_length: 1, spring: [[0, 0], [0, 1]]}', 'spring_dampers.s.spring'),

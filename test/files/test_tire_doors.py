@@ -257,7 +257,7 @@ def test_a_start_that_fails_on_odd_tires_names_them(tmp_path: Path, monkeypatch:
     scene = scene_with(tmp_path, str(write(tmp_path, text)))
 
     def fails(self: object) -> None:
-        raise ConsistencyError("start: the static equilibrium that was found is not stable: body 'chassis' would leave it")
+        raise ConsistencyError("start: the static equilibrium that was found is unstable: body 'chassis' would leave it")
 
     monkeypatch.setattr(InitialConditions, '_find', fails)
     with pytest.raises(

@@ -143,7 +143,7 @@ def test_its_understeer_is_that_of_the_whole_car(car: str) -> None:
     for name, value in found[0].items():
         assert found[1][name] == pytest.approx(value, rel=0.01), name
     stand = solver.simulation_of(load_scene_text(f'vehicle: {car}\nstart: {{kind: equilibrium}}\nfidelity: condensed\n'))
-    with pytest.raises(SpecError, match='whole vehicle for modes'):
+    with pytest.raises(SpecError, match='fidelity: full for modes'):
         modes(stand)
 
 

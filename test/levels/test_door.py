@@ -70,7 +70,7 @@ def test_a_simulation_refuses_to_be_made_past_the_door() -> None:
 def test_a_steering_wheel_that_turns_freely_is_beyond_the_level_kc() -> None:
     """Its bench would let go of the wheels, and blame springs and tires that it finds no equilibrium."""
     scene = load_scene('light_car_step_steer', ['fidelity=kc', 'actuation={steering: torque}', 'maneuver={}'])
-    with pytest.raises(SceneError, match=r"fidelity = 'kc': a torque turns the steering wheel, .* use condensed or full"):
+    with pytest.raises(SceneError, match=r"fidelity = 'kc': actuation.steering is torque, .* use condensed or full"):
         derive(scene)
 
 

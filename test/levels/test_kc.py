@@ -347,7 +347,7 @@ def test_a_second_damper_of_a_wheel_is_refused() -> None:
     own = next(e for e in scene.model.spring_dampers if e.damper is not None)
     half = own.replace(name='second', spring=None, damper=own.damper)
     model = dataclasses.replace(scene.model, spring_dampers=(*scene.model.spring_dampers, half))
-    with pytest.raises(SpecError, match=r'2 dampers move with one wheel, another one by 100 % of the first; use full'):
+    with pytest.raises(SpecError, match=r'2 dampers move with one wheel, .*a further one moves by 100 % of the first\); use full'):
         kc_model(model)
 
 
@@ -371,7 +371,7 @@ def test_a_bench_that_does_not_come_back_is_refused():
     places = [dict.fromkeys(CORNERS, np.zeros(5)), dict.fromkeys(CORNERS, np.full(5, 1e-3))]
     rest, other = (SimpleNamespace(x=x) for x in places)
     require_return(SimpleNamespace(stand=lambda: rest, size=Size()), rest)
-    with pytest.raises(ConsistencyError, match='another equilibrium of the vehicle; use condensed or full'):
+    with pytest.raises(ConsistencyError, match='another equilibrium of the vehicle after its travels than before; use condensed or full'):
         require_return(SimpleNamespace(stand=lambda: other, size=Size()), rest)
 
 

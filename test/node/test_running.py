@@ -302,7 +302,7 @@ def test_steps_one_by_one_end_where_the_simulation_goes_on_by_itself(opened) -> 
 def test_an_override_that_another_one_replaces_is_refused() -> None:
     from mbd_sim_ros.node.main import prepare
 
-    with pytest.raises(SpecError, match=r'parameter overrides: start\.speed=1 is replaced as a whole by start=\{\} behind it'):
+    with pytest.raises(SpecError, match=r'parameter overrides: start\.speed=1 has no effect, because start=\{\} comes later'):
         prepare('slider_crank', ['start.speed=1', 'start={}'])
 
 
@@ -319,7 +319,7 @@ def test_a_pose_is_taken_in_the_frames_of_the_world_only_and_shown_while_paused(
     message.header.frame_id = 'base_link'
     sent.clear()
     node._place(message)
-    assert "initialpose refused: frame 'base_link': a place is taken in map or red/odom only" in capfd.readouterr().err
+    assert "initialpose refused: frame 'base_link': a pose must be given in map or red/odom" in capfd.readouterr().err
     assert not hasattr(node.running.simulation, 'placed') and not sent
     for frame in ('', 'map', 'red/odom'):
         message.header.frame_id = frame

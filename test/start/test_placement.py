@@ -48,7 +48,7 @@ def test_the_same_joint_can_be_assembled_and_the_start_tells_how_far_it_moved() 
     told = s.start.report()
     assert (told['kind'], told['moved'], told['placed_by']) == ('assemble', 'bob', 'assembly')
     assert 0.0 < told['distance'] <= 0.1
-    assert 'assembly moved bodies' in str(s.start)
+    assert 'assembly: bodies moved' in str(s.start)
 
 
 def test_what_contradicts_itself_cannot_be_assembled_either() -> None:

@@ -19,7 +19,7 @@ start: {{kind: equilibrium}}
 
 def test_a_pendulum_on_its_head_is_refused_and_hanging_it_is_not() -> None:
     """It would fall with exp(sqrt(m g l / (J + m l^2)) t) = exp(3.12 t)."""
-    with pytest.raises(ConsistencyError, match=r"not stable: body 'bob' would leave it with exp\(3\.12 t\)"):
+    with pytest.raises(ConsistencyError, match=r"unstable: body 'bob' falls away from it with exp\(3\.12 t\)"):
         simulation_of(load_scene_text(PENDULUM.format(com=1)))
     simulation_of(load_scene_text(PENDULUM.format(com=-1)))
 

@@ -73,7 +73,7 @@ def test_a_wheel_whose_rate_is_wanted_does_not_roll(rate: float) -> None:
 
 def test_a_rate_that_would_be_lost_in_settling_is_refused() -> None:
     start = 'start={kind: equilibrium, speed: 10, coordinates: {wheel_front_right: {rate: 20}}}'
-    with pytest.raises(ConsistencyError, match=r'start\.coordinates\.wheel_front_right\.rate: .* start with kind: assemble'):
+    with pytest.raises(ConsistencyError, match=r'start\.coordinates\.wheel_front_right\.rate: .* set start.kind: assemble'):
         Simulation(load_scene('light_car_straight', ['maneuver={}', start]))
 
 

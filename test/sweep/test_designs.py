@@ -131,8 +131,12 @@ def test_a_part_of_a_parameter_is_set_behind_it(names: tuple[str, ...]) -> None:
     [
         ([], ('start.speed', 'start.speed_kmh'), 'parameters = .start.speed_kmh.: is the same key as start.speed; keep one of them'),
         ([], ('road.a[0]', 'road.a.0'), 'is the same key as'),
-        (['start.speed=20'], ('integrator.h', 'start'), 'set = .start.speed=20.: start behind it replaces it as a whole'),
-        (['start.speed=20', 'start={}'], ('integrator.h',), 'set = .start.speed=20.: start={} behind it replaces it as a whole'),
+        (['start.speed=20'], ('integrator.h', 'start'), 'set = .start.speed=20.: has no effect, because the parameter start replaces all'),
+        (
+            ['start.speed=20', 'start={}'],
+            ('integrator.h',),
+            'set = .start.speed=20.: has no effect, because the parameter start={} replaces all',
+        ),
     ],
 )
 def test_what_would_have_no_effect_is_refused(given: list[str], parameters: tuple[str, ...], told: str) -> None:

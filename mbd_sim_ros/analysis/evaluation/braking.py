@@ -60,7 +60,7 @@ def stop(s: Signals, rest: float) -> tuple[float, float, np.ndarray]:
     """(instant of application [s], instant of standing or NaN, distance travelled since application (n,) [m]). Raises BagError."""
     brake = np.abs(s['brake'])
     if not brake.max() > 0.0:
-        raise s.refuse('the brakes are not applied in it')
+        raise s.refuse('the brakes are not applied in the recording')
     t0 = application(s, brake)
     if at(s.t, s['speed'], t0) < MOVING:
         raise s.refuse('the car stands already when the brakes are applied')
@@ -73,7 +73,7 @@ def keep_ahead(s: Signals, t0: float, end: float) -> None:
     """Raises BagError for a car that turns across its way from t0 to end [s]: its speed along itself is not that of its way then."""
     turned = integral(s.t, s['yaw_rate'])
     if np.abs(turned - at(s.t, turned, t0))[s.between(t0, end)].max() > ACROSS:
-        raise s.refuse('the car turns round in it: its wheels lock; brake it with less torque')
+        raise s.refuse('the car spins in the recording: its wheels lock; brake with less torque')
 
 
 def application(s: Signals, brake: np.ndarray) -> float:
@@ -111,7 +111,8 @@ def judge_stopping(s: Signals, p: Stopping) -> Result:
     t0, end, way = stop(s, p.rest)
     if math.isnan(end):
         raise s.refuse(
-            f'the car does not come to rest in it: {s["speed"][-1]:.3g} m/s at its end; it lasts {s.t[-1] - s.t[0]:.3g} s, record for '
+            f'the car does not come to rest in the recording: '
+            f'{s["speed"][-1]:.3g} m/s at its end; it lasts {s.t[-1] - s.t[0]:.3g} s, record for '
             f'longer (mbd maneuver --set duration=...)'
         )
     if 'yaw_rate' in s:

@@ -77,7 +77,7 @@ def judge(s: Signals, p: Weave) -> Result:
         values['steering'] = d = d - zero
         up = swings(t, d, 0.0)
     if up.size - 1 < p.skip + 2 or (np.ptp(d) < LEAST and np.ptp(d) < LEAST * s.vehicle.turned):
-        raise s.refuse(f'no weaving in it: {max(up.size - 1, 0)} whole periods of the steering wheel, {p.skip + 2:g} are needed')
+        raise s.refuse(f'no weaving in the recording: {max(up.size - 1, 0)} whole periods of the steering wheel, {p.skip + 2:g} are needed')
     period = float(np.median(np.diff(up)) / s.rate)
     frequency = 1.0 / period
     if not p.slowest <= frequency <= p.fastest:

@@ -125,7 +125,7 @@ def judge(s: Signals, p: Ride) -> Result:
     if used.sum() < 2 or s.t[-1] - s.t[0] < p.begin + 2.0:
         raise s.refuse(f'it lasts {s.t[-1] - s.t[0]:.3g} s; ride needs {p.begin + 2.0:g} s')
     if max(float(np.std(s[name][used])) for _, name, _ in AXES) < 1e-3:
-        raise s.refuse('nothing shakes in it: the accelerations do not change')
+        raise s.refuse('no vibration in the recording: the accelerations do not change')
     length = float(s.t[used][-1] - s.t[used][0])
     notes = list(s.notes)
     notes.append('accelerations are those of the IMU in the body, not those of a seat')

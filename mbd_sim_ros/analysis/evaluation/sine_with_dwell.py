@@ -85,7 +85,7 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
     hold = max(1, round(LASTS * s.rate))
     lasting = [k for k in np.flatnonzero(fast[:-hold] & ~np.concatenate([[False], fast[: -hold - 1]])) if fast[k : k + hold].all()]
     if not lasting:
-        raise s.refuse(f'no sine with dwell in it: the steering wheel does not turn faster than 75 deg/s for {LASTS:g} s')
+        raise s.refuse(f'no sine with dwell in the recording: the steering wheel does not turn faster than 75 deg/s for {LASTS:g} s')
     zeroing = float(t[lasting[0]])
     before = s.between(zeroing - 1.0, zeroing)
     wheel = wheel - wheel[before].mean()
@@ -96,7 +96,7 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
     bos = crossing(t, wheel, BEGIN, after=_quiet(t, wheel, zeroing))
     reversal = crossing(t, -wheel, 0.0, after=bos + 0.2)
     if math.isnan(reversal):
-        raise s.refuse('no sine with dwell in it: the steering wheel turns to one side only')
+        raise s.refuse('no sine with dwell in the recording: the steering wheel turns to one side only')
     largest = float(np.max(-wheel[s.between(reversal, reversal + 2.5)]))
     dwells = crossing(t, -wheel, 0.7 * largest, after=reversal)
     back = crossing(t, wheel, -RETURNED, after=dwells)
@@ -104,10 +104,12 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
     if not cos <= back + SOON:
         cos = back  # it rests beside zero
     if math.isnan(cos) or t[-1] < cos + AFTER[-1][0]:
-        raise s.refuse(f'it ends before {AFTER[-1][0]:g} s after the completion of steer; no sine with dwell that can be judged')
+        raise s.refuse(f'the recording ends before {AFTER[-1][0]:g} s after the completion of steer; no sine with dwell that can be judged')
     held = float(np.mean(-wheel[s.between(reversal, cos)] > 0.95 * largest) * (cos - reversal))
     if held < 0.3:
-        raise s.refuse(f'no sine with dwell in it: the steering wheel stays at its second peak for {held:.2g} s instead of 0.5 s')
+        raise s.refuse(
+            f'no sine with dwell in the recording: the steering wheel stays at its second peak for {held:.2g} s instead of 0.5 s'
+        )
     amplitude = float(np.max(np.abs(wheel[s.between(bos, cos)])))
     peak_time, peak_yaw = _second_peak(t, -yaw, s.between(reversal, cos + 0.5))
     answers = peak_yaw > 0.0  # to the second side

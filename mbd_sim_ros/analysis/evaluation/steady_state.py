@@ -76,7 +76,8 @@ def judge(s: Signals, p: SteadyState, method: str) -> Result:
     if span < 0.5 * (p.high - p.low) or used.sum() < 10:
         passed = f'largest {float(np.max(a)):.3g} m/s^2' + (f', steady from {float(a[used].min()):.3g} m/s^2 on' if used.any() else '')
         raise s.refuse(
-            f'no steady-state circular driving in it: lateral accelerations between {p.low:g} and {p.high:g} m/s^2 are not passed through '
+            'no steady-state circular driving in the recording: '
+            f'lateral accelerations between {p.low:g} and {p.high:g} m/s^2 are not passed through '
             f'({passed}); try others, low=... high=... ({GIVEN})'
         )
     constant = {'constant_radius': 1.0 / curvature, 'constant_steering': side * smooth['steering'], 'constant_speed': speed}[method][used]
@@ -89,7 +90,7 @@ def judge(s: Signals, p: SteadyState, method: str) -> Result:
     if method == 'constant_speed' and quickest > SUDDEN * (p.high - p.low):
         told = f'the lateral acceleration changes by {quickest:.3g} m/s^2 within {1.0 / SMOOTH:g} s'
         if quickest > p.high - p.low:
-            raise s.refuse(f'no steady-state circular driving in it: {told}; turn the steering wheel slowly')
+            raise s.refuse(f'no steady-state circular driving in the recording: {told}; turn the steering wheel slowly')
         s.notes.append(f'hardly a steady state: {told}')
     wheelbase = s.parameter(p.wheelbase, 'wheelbase', 'the understeer gradient needs the wheelbase')
     ratio = s.parameter(p.ratio, 'ratio', 'the understeer gradient needs the ratio of the steering')

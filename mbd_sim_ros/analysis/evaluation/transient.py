@@ -56,7 +56,8 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
     moved = np.abs(d[window:] - d[:-window]) if d.size > window else np.zeros(1)
     if moved.max() < LEAST_STEP and moved.max() < LEAST_STEP * s.vehicle.turned:
         raise s.refuse(
-            f'no step of the steering wheel in it: it turns by {math.degrees(float(moved.max())):.3g} deg at most within {p.rise:g} s; at '
+            'no step of the steering wheel in the recording: '
+            f'the wheel turns by {math.degrees(float(moved.max())):.3g} deg at most within {p.rise:g} s; at '
             f'least {math.degrees(LEAST_STEP):g} deg are expected'
         )
     first = int(np.argmax(moved > 0.95 * moved.max()))
@@ -187,7 +188,9 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
     band = (f >= p.low - near) & (f <= p.high + near)
     excited = band & (Sxx > EXCITED * Sxx.max())
     if excited.sum() < 0.7 * band.sum() or (np.ptp(x) < LEAST_STEP and np.ptp(x) < LEAST_STEP * s.vehicle.turned):
-        raise s.refuse(f'the steering wheel does not excite frequencies from {p.low:g} to {p.high:g} Hz; no random or swept input in it')
+        raise s.refuse(
+            f'the steering wheel does not excite frequencies from {p.low:g} to {p.high:g} Hz; the recording has no random or swept input'
+        )
     figures = [Figure('speed', 'speed, mean', float(s['speed'].mean()), 'm/s')]
     charts = []
     for name, text in (('steering', 'steering-wheel angle'), *(x[:2] for x in RESPONSES)):

@@ -75,10 +75,7 @@ def read_motion(path: Path, channels: tuple[str, ...] = (), scene: str | None = 
     elif scene is not None:
         shown = load_published(scene)
     else:
-        raise BagError(
-            f'{path} does not say which scene it is of, so nobody knows what to draw: record the topic ~/scene too, or name the scene '
-            'with --scene'
-        )
+        raise BagError(f'{path} names no scene, so there is nothing to draw: record the topic ~/scene too, or name the scene with --scene')
     spec = derive(shown).scene.model
     drawing = drawing_of(spec)
     prefix = _prefix(poses)

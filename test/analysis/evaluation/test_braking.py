@@ -159,7 +159,7 @@ def spinning() -> Signals:
 
 def test_a_car_that_slides_across_its_way_does_not_stand() -> None:
     for judge, parameters in ((braking.judge_stopping, braking.Stopping()), (braking.judge_split, braking.SplitFriction())):
-        with pytest.raises(BagError, match='the car turns round in it: its wheels lock'):
+        with pytest.raises(BagError, match='the car spins in the recording: its wheels lock'):
             judge(spinning(), parameters)
 
 
@@ -221,6 +221,6 @@ def test_braking_that_is_none_is_refused() -> None:
     with pytest.raises(BagError, match='not applied'):
         braking.judge_stopping(s, braking.Stopping())
     with pytest.raises(
-        BagError, match=r'does not come to rest in it: 21 m/s at its end; it lasts 7 s, record for longer .*--set duration='
+        BagError, match=r'does not come to rest in the recording: 21 m/s at its end; it lasts 7 s, record for longer .*--set duration='
     ):
         braking.judge_stopping(stopping(b=1.0), braking.Stopping())

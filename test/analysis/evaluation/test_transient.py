@@ -112,7 +112,7 @@ def test_a_small_step_of_a_direct_steering_is_one() -> None:
 def test_what_is_no_step_is_refused() -> None:
     t = even(8.0)
     still = made(t, steering=0.01 * t, speed=20.0, yaw_rate=0.0, lateral_acceleration=0.0)
-    with pytest.raises(BagError, match='no step of the steering wheel in it'):
+    with pytest.raises(BagError, match='no step of the steering wheel in the recording'):
         transient.judge_step(still, transient.StepSteer())
     wave = made(t, steering=0.5 * np.sin(2.0 * np.pi * 0.5 * t), speed=20.0, yaw_rate=0.0, lateral_acceleration=0.0)
     with pytest.raises(BagError, match='not held'):
