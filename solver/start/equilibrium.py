@@ -19,11 +19,16 @@ from solver.start.equilibrium_stability import refuse_unstable
 from solver.start.newton import ConsistentState, move
 
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
-ROUNDING = 1e2  # times that, of 1 N at least, may be left by stiff elements that have not halved it
-STALLED = 8  # iterations in a row
-SETTLING = 1.0  # s, long against every damping in a model
-APPROACH = 40  # iterations that come near
-GIVE = 1e-4  # m that what holds a body gives way under the weight of the whole model
+# Times EQUILIBRIUM_TOLERANCE, of 1 N at least: residual that stiff elements may leave when the search has stalled.
+ROUNDING = 1e2
+# Iterations in a row that do not halve the least residual: the search has stalled; ten times as many only take longer.
+STALLED = 8
+# Time [s] that an iteration stands for, in dampers and internal states: long against every time constant in a model.
+SETTLING = 1.0
+# Iterations at most of a first search, with elements in the form that leads nearer to the equilibrium (approach).
+APPROACH = 40
+# Length [m] by which the hold of a body gives way under the weight of the whole model; ten times as much holds it less firmly.
+GIVE = 1e-4
 
 
 class Equilibrium(ConsistentState):

@@ -33,18 +33,19 @@ HEAVY, SOFTER = 100.0, 1e2  # kg of the effective mass of a row, from which on h
 SOFTEST = 1.0  # 1/s^2, where rounding of larger ones moves a part that is light and not damped
 AUGMENTATIONS = 400  # at most; each gains a factor 1 + PENALTY s_min, little where a light body carries a heavy one
 PLAIN, COMBINED = 10, 2  # augmentations for accelerations: first one by one, then combined by GMRES
-OPEN = 1e-8  # m/s or rad/s that velocities may violate constraints by
-STAGNATION = 0.5  # of the change before, above which an iteration has come to rounding
-KRYLOV = 40  # augmentations in a combination at most
-ASSEMBLY_TOLERANCE = 1e-12  # m or rad
-POSITION_ROUNDING = 1e-15  # of a place, that far from the origin nothing closes
+OPEN = 1e-8  # m/s or rad/s by which velocities may violate constraints at the start; a start with more is refused
+STAGNATION = 0.5  # change over the one before, above which an iteration has come to rounding and ends
+KRYLOV = 40  # augmentations that GMRES combines at most; ten times as many need ten times the memory
+# Distance [m] or angle [rad] by which constraints may be open after the assembly, where positions have so many digits.
+ASSEMBLY_TOLERANCE = 1e-12
+POSITION_ROUNDING = 1e-15  # relative rounding of a position: far from the origin no constraint closes any better
 CONTRADICTING = 1e-5  # m or rad that stay open where joints are nearly right
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly, so that no coordinate turns by pi at once
 FARTHEST = 10000  # such iterations that a start may be away: 3000 rad
 CLEARANCE = 10.0  # height at which no tire touches any road [m]
 CLOSING = 10  # iterations that close constraints beside the start
 UNRESOLVED = 0.5  # part of the change of an acceleration over a step that a Taylor polynomial may miss
-UNSEEN = 1e-9  # m or rad of a step
+UNSEEN = 1e-9  # m or rad in a step: a change of acceleration that moves a body by less is not sudden
 
 
 class ConsistentState:

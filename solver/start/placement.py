@@ -23,7 +23,8 @@ from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
 
 OPEN = 1e-6  # m or rad, and relative of velocities: what numbers written with finitely many digits leave open
-COINCIDING = 1e-12  # m
+# Distance [m] of two points that count as one; ten times as much is still far below any length that is written.
+COINCIDING = 1e-12
 PARALLEL = ('fixed', 'prismatic')  # kinds of joints whose markers are parallel
 OPPOSED = 1e-9  # of 1 + the cosine between two axes: 3e-5 rad from opposite
 UNLOADED = 1e-3  # of the mean load of a wheel

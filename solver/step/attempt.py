@@ -23,9 +23,9 @@ from solver.step.interpolation import inputs_inside
 from solver.step.penalties import converge
 from solver.step.work import NOT_CONVERGED, OK, added, last_result
 
-REMAINDER = 0.1  # of the tolerable error that the iteration may leave
+REMAINDER = 0.1  # part of the tolerable error that the iteration may leave; ten times as much would use up all of it
 ROUNDING = 1e-16  # m or rad; over a step it is a velocity that the iteration cannot resolve
-SMALLEST_TOLERANCE = 1e-13
+SMALLEST_TOLERANCE = 1e-13  # relative velocity increment: no iteration is asked for less, which would be rounding
 
 
 class Attempt(NamedTuple):

@@ -35,6 +35,7 @@ from solver.model.evaluate import constraint_rates
 from solver.model.saddle import CONDENSED, solve_saddle
 from solver.step.stage import largest_turn
 
+# Directions that are kept; ten times as many take ten times the memory, and a hundred times the products.
 MOST_DIRECTIONS = 12
 ENOUGH = 1e-4  # part of the violation at the prediction that an iteration of mode fixed may leave; of the velocity, its projection
 CONTRACTION = 1e-2  # part of its own violation, and of the tolerance, that an iteration of mode tolerance may leave

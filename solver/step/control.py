@@ -15,8 +15,9 @@ from solver.model.state import State, new_state
 from solver.output.account import new_account
 from solver.step.settings import IntegratorSettings
 
-RAISE = 10.0  # of a penalty at a time
-EASY_STEPS = 10  # in a row before penalties and step relax; twice as many after every new trouble
+RAISE = 10.0  # factor by which a penalty changes at a time; ten times as much passes over penalties that would do
+EASY_STEPS = 10  # easy steps in a row before penalties and step relax; twice as many after every new trouble
+# Easy steps in a row, most that are waited for; ten times as much keeps a small step ten times as long.
 LONGEST_PATIENCE = 640.0
 
 WANTED, TAKEN, LAST_ERROR, EASY, PATIENCE = range(5)  # entries of Control.memory

@@ -37,10 +37,11 @@ from solver.step.stage import copy_rows, largest
 from solver.step.work import NON_FINITE, OK, SINGULAR
 
 THIRD = 1.0 / 3.0
+# Times the effective mass of a row; ten times as much gains a digit more in a pass, and has ten times the rounding.
 PENALTY = 1e6
 SPACING = 1e-3  # m or rad between the places at which the rows of the constraints are differenced
-PASSES = 10  # at most, of a projection or an acceleration
-EXACT = 1e-13  # relative
+PASSES = 10  # passes of a projection or an acceleration at most; it ends before when a pass does not halve the residual
+EXACT = 1e-13  # relative residual of a projection or an acceleration at which it ends; digits beyond it are rounding
 RESOLVED = 0.5  # of a step, at least what a wind-up of friction takes to relax: from less on it swings from step to step
 # Kinds of elements with friction, and its stiffness and damping there.
 FRICTION = {'brakes': ('stiffness', 'damping'), 'clutches': ('stiffness', 'damping'), 'guides': ('brake_stiffness', 'brake_damping')}

@@ -55,13 +55,14 @@ from solver.step.control import (
 from solver.step.penalties import lose_patience, set_penalty
 from solver.step.work import BAD_INPUT, INACCURATE, OK, PAUSED, StepResult, added
 
-EASY_ITERATIONS = 4
+EASY_ITERATIONS = 4  # iterations of a step, at most, that counts as easy; ten times as many would call hard ones easy
 ORDER = 2.0  # of the error per unit of time
-SAFETY = 0.9
+SAFETY = 0.9  # factor of the step that the error asks for, so that the next error stays below the tolerance
+# Exponents of the error of this step and of the one before it (PI control).
 INTEGRAL, PROPORTIONAL = 0.7 / ORDER, 0.4 / ORDER
-SMALLEST_FACTOR, LARGEST_FACTOR = 0.2, 2.0
+SMALLEST_FACTOR, LARGEST_FACTOR = 0.2, 2.0  # by which a step changes at a time
 WORTHWHILE = 1.2  # growth below it is not taken: a step that stays costs no history
-ATTEMPTS = 100  # of a call; then the caller may look around
+ATTEMPTS = 100  # attempts in a call, then the caller may look around; ten times as many let it wait ten times as long
 
 
 @kernel(borrow=True)

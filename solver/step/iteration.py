@@ -17,7 +17,8 @@ from solver.step.stage import BOTH, WITH_TANGENTS, copy_blocks, is_row_finite, l
 # values keeps that part from drifting, while the determined part is found again by the first iteration.
 WARM_START = 0.9999
 LARGEST_STAGNATION = 1e-2  # relative velocity increment below which an iteration that stops converging is accepted
-STAGNATION = 0.5  # an iteration that gains less is stopped and its best iterate judged
+# Rate of an iteration, increment over the one before; one with a larger rate is stopped and its best iterate judged.
+STAGNATION = 0.5
 LARGEST_TURN = 0.1  # rad; an iteration that wants to turn a body by more follows tangents that no longer hold: it goes only so far
 GAIN = 0.1  # part of the violation that an iterate may have without the combination that would close it
 

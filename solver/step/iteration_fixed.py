@@ -26,13 +26,21 @@ from solver.step.iteration import (
 from solver.step.stage import copy_blocks, copy_rows
 from solver.step.work import NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 
-SETTLED_SHARE = 1e-3  # of the error that is left in mode fixed, from where on a step takes no more than its number of iterations
-UNSEEN = 1.0 / 12.0  # of the second difference of an acceleration over a step: what a step of second order loses of a velocity
-PENALIZED_ROUNDING = 1e3 * 2.220446049250313e-16  # of a place: what penalties of 1e6 just hold is magnified by their root
-NEGLIGIBLE_LOSS = 1e-5  # 1/s, of the velocity, that a run may always lose to its iterations
-NEGLIGIBLE = 1e-7  # relative velocity increment that need not be looked at
-DAMPED_FROM = 8  # iterations of a step in mode fixed, from where on only half of each is taken
-MOST_ITERATIONS = 20  # of a step in mode fixed
+# Relative velocity error that mode fixed may leave after its number of iterations; ten times as much would be
+# LARGEST_STAGNATION.
+SETTLED_SHARE = 1e-3
+# Error of a velocity in a step of second order, over the second difference of the acceleration times the step.
+UNSEEN = 1.0 / 12.0
+# Relative rounding error of a position times the root of a penalty of 1e6; ten times as much would take small motions
+# for rounding.
+PENALIZED_ROUNDING = 1e3 * 2.220446049250313e-16
+# Relative loss of velocity by iterations that a run may always have [1/s]: a factor e in 1e5 s; ten times as much: in
+# 1e4 s.
+NEGLIGIBLE_LOSS = 1e-5
+NEGLIGIBLE = 1e-7  # relative velocity increment; a smaller one is not judged by whether it grows
+# Iterations in mode fixed, from which on half of each increment is taken; beyond MOST_ITERATIONS it never is.
+DAMPED_FROM = 8
+MOST_ITERATIONS = 20  # iterations of a step in mode fixed; ten times as many cost ten times as much where none settles
 
 
 @kernel(inner=True)

@@ -25,7 +25,8 @@ from solver.step.iteration import (
 from solver.step.stage import copy_rows
 from solver.step.work import NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 
-CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
+# Rate of an iteration up to which mode tolerance keeps its factorization; at 1 it would never make a new one.
+CONTRACTION_TO_REUSE = 0.1
 
 
 @kernel(inner=True)

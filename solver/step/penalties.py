@@ -15,8 +15,10 @@ from solver.step.control import EASY, LONGEST_PATIENCE, NO_HELP, OF_PENALTY, PAT
 from solver.step.iteration import LARGEST_STAGNATION
 from solver.step.work import NOT_CONVERGED, OK, added, last_result
 
-SLOW = 0.1  # constraints with at least this part of the largest violation are the slowest
-HELPS = 0.5  # a raise that leaves more of the residual is taken back
+# Part of the largest violation from which on a constraint counts as slow, and is raised; at 1 one is raised at a time.
+SLOW = 0.1
+# Part of the residual that a raise may leave; one that leaves more is taken back, at 1 only one that lessens nothing.
+HELPS = 0.5
 
 
 @kernel(inner=True)
