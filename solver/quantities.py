@@ -1,8 +1,9 @@
 """Quantities of interest: named signals with units, computed from the snapshots of any run, by which runs are compared.
 
-Of a vehicle, in the words of [ISO8855]: X and Y of the intermediate axes are horizontal, X along the vehicle. Velocities and positions
-are those of base_link, accelerations those of the centre of mass of the chassis. Beside these every recorded number has the name of its
-column in a recording (bags/README.md). What a level of detail does not publish is absent there, and nothing takes its place.
+Axes of a vehicle, in the words of [ISO8855]: X and Y of the intermediate axes are horizontal, X along the vehicle.
+Velocities and positions are those of base_link, accelerations those of the centre of mass of the chassis. Beside these
+every recorded number has the name of its column in a recording (bags/README.md). A quantity that a level of detail does
+not publish is absent there, and nothing takes its place.
 
 A percentage is one of the peak of the reference, the largest absolute value in the time that is compared; where that is less than the
 `least` of the quantity, of this: a car that drives straight ahead is not held to two percent of nothing. It is that of passenger cars and

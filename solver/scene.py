@@ -128,7 +128,7 @@ class Record:
 class Bound:
     """A limit of an error: absolute in SI units, or as part of the peak of the reference. In files '0.1 m' and '2 %'.
 
-    unit: in SI, that the limit was given with, '' without one. What it limits has to have the same.
+    unit: in SI, that the limit was given with, '' without one. The quantity that it limits must have the same unit.
     """
 
     value: float

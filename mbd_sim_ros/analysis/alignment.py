@@ -66,8 +66,8 @@ class Offset(NamedTuple):
 def common(signals: Sequence[Signal], kind: Kind = 'linear') -> Common:
     """Bring signals to the instants of the coarsest of them in the time they share.
 
-    Where these exist in a finer one nothing is interpolated. Commands that were sent on change hold to the end, and between their messages
-    the instants of the others count too: what these did meanwhile would not be seen.
+    Nothing is interpolated if these exist in a finer one. Commands that were sent on change hold to the end, and
+    between their messages the instants of the others count too: what these did meanwhile would not be seen.
     Raises BagError when the signals share no time.
     """
     grids = [one.time_ns for one in signals]

@@ -24,10 +24,11 @@ def load(bag: str | Path, topics: Sequence[str] | None = None, *, to: Literal['x
 def load(bag: str | Path, topics: Sequence[str] | None = None, *, to: str = 'pandas') -> dict[str, Any]:
     """Read a bag (or tables, see runs.read) into one DataFrame or Dataset per topic.
 
-    topics: names as in the columns ('odom', 'tire/front_left/force'); all without any. Of a DataFrame (to='pandas') the index is the time
-    [s], a column is named like its channel ('odom/twist/wz'), `attrs['units']` tells its unit ('' where the recording does not),
-    `attrs['metadata']` what the recording says about its run. Of a Dataset (to='xarray') `time` is the coordinate, and every variable has
-    its own `attrs['units']`. Raises BagError for a recording or topic that cannot be read, and where pandas or xarray is missing.
+    topics: names as in the columns ('odom', 'tire/front_left/force'); all without any. The index of a DataFrame
+    (to='pandas') is the time [s], a column is named like its channel ('odom/twist/wz'), `attrs['units']` tells its unit
+    ('' where the recording does not), `attrs['metadata']` what the recording says about its run. The coordinate of a
+    Dataset (to='xarray') is `time`, and every variable has its own `attrs['units']`. Raises BagError for a recording or
+    topic that cannot be read, and where pandas or xarray is missing.
     """
     makers = {'pandas': frames, 'xarray': datasets}
     if to not in makers:

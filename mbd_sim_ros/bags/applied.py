@@ -1,8 +1,9 @@
 """Data in a recording by which its run can be repeated: the inputs of every step, and the state it begins with.
 
-`cmd_applied` holds the inputs of the step that led to an instant. Where steps lie between two instants (record.every > 1, or steps
-that a slow disk did not take), a message of topic `inputs_applied` at the later one holds the rows of all steps since: Float64MultiArray,
-one row per step, `step` and the inputs (their names are the label of the second dimension).
+`cmd_applied` holds the inputs of the step that led to an instant. If steps lie between two instants (record.every > 1,
+or steps that a slow disk did not take), a message of topic `inputs_applied` at the later one holds the rows of all
+steps since: Float64MultiArray, one row per step, `step` and the inputs (their names are the label of the second
+dimension).
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ Columns: `joint_states/<joint>/position|velocity|effort`, `odom/pose/x|y|z|qx|qy
 are columns of one series, `element_states/<element>/<output>`, as in recordings that have them in one topic. Other
 types: named.py.
 
-The messages of one topic of our recordings differ in their numbers only, so a block of them is one table of bytes and
-a column is a strided part of it. Of others, messages that are alike but for their numbers (a *variant*: one
+The messages of one topic of our recordings differ in their numbers only, so a block of them is one table of bytes and a
+column is a strided part of it. Messages of other types that are alike but for their numbers (a *variant*: one
 publisher, one set of names) are taken so; where strings change all the time, each is decoded for itself.
 
 Nothing vanishes here: an `Account` (accounts.py) says of every topic how many messages it had and what became of them.

@@ -212,8 +212,8 @@ class Reading:
         self.damage.append(f'the {what} at byte {begin} cannot be read{why}')
 
     def _waiting_chunk(self) -> Iterator[Record]:
-        """The records in the chunk read last, now that its indexes are known. Of one that is not unpacked the checksum of the data tells
-        whether it is as it was written.
+        """The records in the chunk read last, now that its indexes are known. The checksum of the data of one that is
+        not unpacked tells if it is as it was written.
         """
         if self._chunk_read is None:
             return

@@ -195,7 +195,8 @@ def may_have_zeros_behind(message_type: str, text: str, data: bytes) -> bool:
     """True where a message that is longer than its schema asks for may be CDR with zeros behind it, and not one that is
     aligned otherwise.
 
-    What is aligned otherwise ends in numbers, not zeros; where these are zero, the last that is not appears as a subnormal one.
+    A message that is aligned otherwise ends in numbers, not zeros; if these are zero, the last one that is not appears
+    as a subnormal one.
     """
     walk = _Decode(definitions(message_type, text), data, BEHIND_IT)
     try:

@@ -57,7 +57,7 @@ class Loop:
 
     `poll()` fetches what came in since (for the latch), right before every step and while lockstep waits.
     `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives).
-    Where it returns the same array as for the step before, it does so while the commands stay.
+    If it returns the same array as for the step before, it does so while the commands stay.
     `emit(snapshot)` is called on the simulation thread after every step that may be seen, and once at the start.
     `hidden(most)` tells how many of the next steps, at most so many, nobody sees while nobody commands. These are made in one
     call with the one behind them, with the same bits and without what waking costs. In real time the call begins earlier by

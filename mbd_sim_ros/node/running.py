@@ -132,7 +132,8 @@ class Running:
     def look_at_rates(self, changed: Mapping[str, Any] | None = None) -> None:
         """Take steps, rates and budget of publishing from the parameters, of which some are about to change.
 
-        Of the steps that are published, and that have such a message, every so many are taken: the rate next to the one that is wanted.
+        Every so many of the steps that are published, and that have such a message, are taken: the rate next to the one
+        that is wanted.
         """
         names = ('publish_every', 'publish_budget', *(f'rate_{topic}' for topic in RATES))
         values = {name: self.value(name) for name in names} | dict(changed or {})

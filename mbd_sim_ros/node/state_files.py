@@ -86,8 +86,8 @@ def save(scene: Scene, simulation: Simulation, parts: Mapping[str, Part], comman
 def restore(path: Path, scene: Scene, simulation: Simulation, parts: Mapping[str, Part]) -> dict[str, float]:
     """Go on from a state file; returns the commands that were in force, by name.
 
-    Of another scene of the same vehicle come its motion and what was commanded; actuators begin at the inputs in force, and where only
-    one of the two has an assistance, whose gear may be a lever, the gear that is in stays in.
+    A state of another scene of the same vehicle gives its motion and commands; actuators begin at the inputs in force,
+    and where only one of the two has an assistance, whose gear may be a lever, the gear that is in stays in.
 
     Raises SpecError for a file that is none, of another version, or of a scene with another vehicle or step, and where wheels would begin
     in the ground.

@@ -1,10 +1,11 @@
 """Envelope of a run: the range in which its level of detail, and the certificate of its plan (solver.levels.auto),
 hold: quantities of interest within their ranges, and frequencies below their limit.
 
-What is looked at are the snapshots that are handed out, so a node that shows every tenth step is watched at every tenth; who advances a run
-by himself asks every() how often that has to be, and no verdict depends on what else he shows or records. The frequency is
-that of the travel of every wheel and of the steering wheel, in windows of WINDOW: root mean square of the rate over that of the departure
-from the mean, over 2 pi. On waves of the road it is speed over wavelength.
+The snapshots that are handed out are looked at, so a node that shows every tenth step is watched at every tenth; who
+advances a run by himself asks every() how often that has to be, and no verdict depends on what else he shows or
+records. The frequency is that of the travel of every wheel and of the steering wheel, in windows of WINDOW: root mean
+square of the rate over that of the departure from the mean, over 2 pi. On waves of the road it is speed over
+wavelength.
 
 Whatever the level, a vehicle touches the road with nothing but its tires. One that leans over by LEANING lies on its side or its roof
 soon, on parts that fall through the road. And the data of a tire end with the load FZMAX, where its friction, stiffness and moments are

@@ -109,11 +109,11 @@ class ForceKind:
 class ConstraintKind:
     """A kind of constraint.
 
-    name: the field of ModelSpec and the section of a file. compile(specs, context): their table; rows and Jacobian blocks are those that
-    context.rows() gives out. Where the specification has an input, the table has columns `row` and `input` (n, 3): channels of value,
-    rate and acceleration, -1 for none, and the value is subtracted in that row. residuals assigns phi and, when `gradients`, J;
-    hessians adds d(A^T lam)/dq to Kq (Kv is scratch of its shape). on_coordinates: the kernels take the
-    table of joint coordinates, and residuals their values and the inputs.
+    name: the field of ModelSpec and the section of a file. compile(specs, context): their table; rows and Jacobian
+    blocks are those that context.rows() gives out. If the specification has an input, the table has columns `row` and
+    `input` (n, 3): channels of value, rate and acceleration, -1 for none, and the value is subtracted in that row.
+    residuals assigns phi and, when `gradients`, J; hessians adds d(A^T lam)/dq to Kq (Kv is scratch of its shape).
+    on_coordinates: the kernels take the table of joint coordinates, and residuals their values and the inputs.
     """
 
     name: str

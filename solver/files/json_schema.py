@@ -130,7 +130,7 @@ def files() -> dict[str, str]:
 class Writer:
     """Makes schemas of hints; those of dataclasses are definitions, referred to by name.
 
-    Of every method: changes: the mapping changes one in a file, so that nothing is required in it.
+    Argument of every method: changes: the mapping changes one in a file, so that nothing is required in it.
     """
 
     def __init__(self) -> None:

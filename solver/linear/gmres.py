@@ -19,8 +19,8 @@ LARGEST = 1e6  # of a solution, relative to the right side
 def gmres(times: Callable[[np.ndarray], np.ndarray], right: np.ndarray, tolerance: float, limit: int) -> np.ndarray:
     """x (n,) for which |times(x) - right| is least among the combinations of right, times(right), ... , at most `limit` of them.
 
-    Ends when that norm is `tolerance` times the one of right. Of a singular system the solution is no larger than LARGEST times right:
-    beyond that it would be one of the rounding of its products.
+    Ends when that norm is `tolerance` times the one of right. The solution of a singular system is no larger than
+    LARGEST times right: beyond that it would be one of the rounding of its products.
     """
     size = norm(right)
     if size == 0.0:

@@ -1,9 +1,9 @@
 """End of a steering: its end stops, which a vehicle may state, or else a distance from its dead centres.
 
-A rod between the gear and a steering arm turns the wheel by the part of its force that is across the arm. Where rod and arm come to lie
-in one line there is none: the dead centre, beyond which the wheel turns the other way. It is the same at the gear where the rod comes to
-lie across the way of its inner ball. No steering goes there: without a word about its stops it ends where either angle is MARGIN, in the
-design position of the suspension.
+A rod between the gear and a steering arm turns the wheel by the part of its force that is across the arm. There is none
+if rod and arm come to lie in one line: the dead centre, beyond which the wheel turns the other way. It is the same at
+the gear where the rod comes to lie across the way of its inner ball. No steering goes there: without a word about its
+stops it ends where either angle is MARGIN, in the design position of the suspension.
 """
 
 from __future__ import annotations
