@@ -93,6 +93,7 @@ PRODUCTS: dict[str, Product] = {  # those that take seconds first
     'penalty_map': _study('penalty_map'),
     'stability': _study('stability'),
     'mechanisms': _study('mechanisms'),
+    'constants': _study('constants'),
     'plan': _study('plan'),
     'trade': Product(
         (*(('mbd', 'study', 'trade', scene) for scene in TRADED), ('docs/tools/accuracy.py', 'out/trade')),

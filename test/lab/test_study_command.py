@@ -228,3 +228,20 @@ def test_stability_finds_nothing_silently_wrong(capsys, tmp_path):
     assert found['missed'] == []
     assert found['classes']['right'] > 0.3 * found['cells']
     assert found['classes']['silently wrong'] == 0
+
+
+@pytest.mark.slow
+def test_constants_find_what_one_number_does_and_go_on(capsys, tmp_path, monkeypatch):
+    """Friction of the road under a start does nothing to a pendulum; a second study computes nothing again."""
+    study = module('constants')
+    all_of = study.constants(study.FOLDERS)
+    chosen = [one for one in all_of if one.key in ('solver.start.initial_conditions.GRIP', 'solver.step.interval.ORDER')]
+    monkeypatch.setattr(study, 'constants', lambda *_: chosen)
+    monkeypatch.setattr(study, 'members', lambda quick: [study.Member('pendulum', 0.05)])
+    found = quick(capsys, 'constants', tmp_path)
+    assert found['words'] == {'solver.start.initial_conditions.GRIP': 'nothing'}
+    assert found['missed'] == []
+    assert [row['changed to'] for row in found['rows']] == pytest.approx([0.1 / 3.0, 0.3])
+    assert '| `ORDER` |' in (tmp_path / 'report.md').read_text()
+    monkeypatch.setattr(study.Variant, 'run', lambda *_: pytest.fail('it was computed before'))
+    assert quick(capsys, 'constants', tmp_path)['rows'] == found['rows']

@@ -53,6 +53,7 @@ STUDIES: dict[str, str] = {  # name: module
     'plan': 'mbd_sim_ros.lab.studies.plan',
     'mechanisms': 'mbd_sim_ros.lab.studies.mechanisms',
     'stability': 'mbd_sim_ros.lab.studies.stability',
+    'constants': 'mbd_sim_ros.lab.studies.constants',
 }
 
 
