@@ -249,7 +249,7 @@ def _change(pair: Sequence[float]) -> float:
 
 
 def told(row: dict[str, Any]) -> str:
-    """What one value does, for the table."""
+    """Effect of one value, as a cell of the table."""
     if row['does'] == NOTHING:
         return NOTHING
     parts = [row['does'] if row['does'] != WITHIN else 'within the error']
