@@ -134,7 +134,8 @@ def test_an_interrupted_command_says_one_sentence_and_ends(trial: int, recording
         steps = run['cmd_applied/step']
         assert np.all(np.diff(steps) > 0.0)
         whole = name == 'replay' and steps[-1] == bag.read(recording)['cmd_applied/step'][-1]  # interrupted while it compared
-        assert run.metadata.get('status') == ('ok' if whole else 'interrupted') or 'end' in run.metadata
+        ended_as = {key: run.metadata.get(key) for key in ('status', 'reason', 'error', 'findings', 'end')}
+        assert run.metadata.get('status') == ('ok' if whole else 'interrupted') or 'end' in run.metadata, (ended_as, ended.lines)
 
 
 @pytest.mark.parametrize('name', ['run', 'simulator'])
