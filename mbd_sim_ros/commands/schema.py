@@ -16,7 +16,7 @@ def add(parsers: Any) -> None:
         'schema',
         run,
         'print the JSON Schema of a kind of file, by which editors complete and check it',
-        'mbd schema vehicle > vehicle.json\n  mbd schema --out schema',
+        'mbd schema vehicle\n  mbd schema --out schema',
     )
     parser.add_argument('kind', metavar='KIND', nargs='?', help='scene, vehicle, trailer, mechanism, maneuver or road')
     parser.add_argument('--out', metavar='DIR', type=Path, help='write the schemas of all kinds into this directory')

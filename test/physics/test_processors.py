@@ -127,7 +127,7 @@ SHOWN = (
     'start/reach.py',  # says why a step has failed
 )
 # Files that tell numba what to compile for these functions, or are compiled by way of that.
-FOR_NUMBA = ('compiled/dual.py', 'elements/coordinate.py')
+FOR_NUMBA = ('compiled/dual.py', 'compiled/so3.py')
 CHOSEN_BY_THE_PROCESSOR = {
     *('sin', 'cos', 'tan', 'exp', 'exp2', 'expm1', 'log', 'log2', 'log10', 'log1p', 'sinh', 'cosh', 'tanh', 'arcsin', 'arccos', 'arctan'),
     *('arctan2', 'hypot', 'power', 'float_power', 'cbrt', 'dot', 'vdot', 'inner', 'matmul', 'tensordot', 'linalg', 'einsum', 'polyfit'),
