@@ -158,12 +158,12 @@ def test_a_number_that_is_not_there_is_no_change(toy: Path) -> None:
 def run(numbers: Any, **more: Any) -> Outcome:
     """A run with two fields of one and two columns."""
     values = np.array(numbers, float)
-    known = {'digest': values.tobytes().hex(), 'counters': [['iterations', 20]], 'fields': [['pose', 1], ['twist', 2]]}
-    return Outcome(**{'status': 'ok', **known, 'numbers': values.tolist(), **more})
+    known = {'counters': [['iterations', 20]], 'fields': [['tire', 1], ['elements', 2]]}
+    return Outcome(**{'status': 'ok', 'digest': values.tobytes().hex(), **known, 'numbers': values.tolist(), **more})
 
 
 BASE = [[0.0, 1.0, 1e3], [1.0, 2.0, -1e3]]
-ERRORS = {'pose': np.array([1e-3]), 'twist': np.array([1e-2, 1.0])}
+ERRORS = {'tire': np.array([1e-3]), 'elements': np.array([1e-2, 1.0])}
 
 
 @pytest.mark.parametrize(
@@ -172,16 +172,16 @@ ERRORS = {'pose': np.array([1e-3]), 'twist': np.array([1e-2, 1.0])}
         (BASE, NOTHING, ''),
         ([[0.0, 1.0, 1e3], [1.0 + 5e-10, 2.0, -1e3]], ROUNDING, ''),
         ([[0.0, 1.0 + 2.5e-9, 1e3], [1.0, 2.0, -1e3]], ROUNDING, ''),  # 1e-9 of 2 and 1e-12 of 1000
-        ([[0.0, 1.0 + 3.5e-9, 1e3], [1.0, 2.0, -1e3]], WITHIN, 'twist'),
-        ([[0.0, 1.0, 1e3], [1.0005, 2.0, -1e3]], WITHIN, 'pose'),
-        ([[0.0, 1.0, 1e3], [1.002, 2.0, -1e3]], MATTERS, 'pose'),
-        ([[0.0, 1.0, 1e3], [np.nan, 2.0, -1e3]], MATTERS, 'pose'),
+        ([[0.0, 1.0 + 3.5e-9, 1e3], [1.0, 2.0, -1e3]], WITHIN, 'elements'),
+        ([[0.0, 1.0, 1e3], [1.0005, 2.0, -1e3]], WITHIN, 'tire'),
+        ([[0.0, 1.0, 1e3], [1.002, 2.0, -1e3]], MATTERS, 'tire'),
+        ([[0.0, 1.0, 1e3], [np.nan, 2.0, -1e3]], MATTERS, 'tire'),
     ],
 )
 def test_departures_are_held_against_rounding_and_the_error_of_the_run(numbers: Any, word: str, field: str) -> None:
     row = compared(run(numbers), run(BASE), ERRORS)
     assert (row['word'], row['field']) == (word, field)
-    if word == WITHIN and field == 'pose':
+    if word == WITHIN and field == 'tire':
         assert row['errors'] == pytest.approx(0.5, rel=1e-9)
 
 
@@ -201,8 +201,17 @@ def test_the_error_of_a_run_is_that_of_second_order() -> None:
     """x = 1 + h^2 with h = 0.3: off by 0.09, and by 0.0225 with half the step."""
     wide, half = run([[1.09, 0.0, 0.0]]), run([[1.0225, 0.0, 0.0]])
     errors = constants.errors_of(wide, half)
-    assert errors is not None and errors['pose'] == pytest.approx([0.09], rel=1e-12)
+    assert errors is not None and errors['tire'] == pytest.approx([0.09], rel=1e-12)
     assert constants.errors_of(wide, Outcome('error')) is None
+
+
+def test_a_direction_without_an_error_has_that_of_its_vector() -> None:
+    """Two bodies: positions off by 3e-6 and 6e-6 along x alone, an orientation by 9e-6."""
+    wide, half = np.zeros((2, 14)), np.zeros((2, 14))
+    half[1, [0, 7, 13]] = 3e-6, 6e-6, 9e-6
+    errors = constants.errors_of(run(wide, fields=[['pose', 14]]), run(half, fields=[['pose', 14]]))
+    assert errors is not None
+    assert errors['pose'] == pytest.approx([4e-6] * 3 + [0.0] * 4 + [8e-6] * 3 + [12e-6] * 4, rel=1e-12)
 
 
 DEATHS = [(-signal.SIGPROF, 'no end'), (-signal.SIGSEGV, 'crashed'), (1, 'crashed')]

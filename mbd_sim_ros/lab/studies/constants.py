@@ -8,7 +8,7 @@ mechanisms. Every run is compared with the unchanged one:
 - *rounding*: findings are the same, and no number departs by more than rounding: RESOLVED of its own size and LOST of
   the largest in its field.
 - *within*: findings are the same, and no number departs by more than the error that its run has anyway, 4/3 of the
-  difference from the run with half the step (the method is of second order).
+  difference from the run with half the step (the method is of second order), of vectors that of the worst component.
 - *matters*: all else, also another status, a failure, and a run that does not end.
 
 The word of a constant is the largest one of all its runs. A constant that does nothing here may still decide what the
@@ -44,6 +44,7 @@ SECONDS, QUICK_SECONDS = 2.0, 0.2  # of a scene; ten times as much for the full 
 MECHANISMS, MECHANISM_SECONDS = 200, 0.5
 RESOLVED, LOST = 1e-9, 1e-12  # rounding of a number, of its size and of its field's largest; ten times hides effects
 NOTHING, ROUNDING, WITHIN, MATTERS = WORDS = ('nothing', 'rounding', 'within', 'matters')
+VECTORS = {'pose': (3, 4), 'twist': (3, 3), 'imu': (3, 3), 'acceleration': (3, 3)}  # sizes of vectors
 HEADINGS = 'What matters', 'Within the error', 'Rounding only', 'Nothing in this set'
 Errors = dict[Member, dict[str, np.ndarray] | None]
 
@@ -93,7 +94,8 @@ class Variant:
 def compared(changed: Outcome, base: Outcome, error: dict[str, np.ndarray] | None) -> dict[str, Any]:
     """One run with a changed constant beside the unchanged one: word, statuses, field of the largest departure and its
     size in errors of the run, counters that differ as they were and are."""
-    row: dict[str, Any] = {'status': changed.status, 'before': base.status, 'field': '', 'errors': 0.0, 'text': ''}
+    row: dict[str, Any] = {'status': changed.status, 'before': base.status, 'text': ''}
+    row.update(field='', errors=0.0, departure=0.0)
     now, then = dict(changed.counters), dict(base.counters)
     row['counters'] = {name: [was, now[name]] for name, was in then.items() if now.get(name, was) != was}
     verdict = changed.status, list(changed.findings)
@@ -113,9 +115,10 @@ def compared(changed: Outcome, base: Outcome, error: dict[str, np.ndarray] | Non
         if np.any(departure > floor):
             word = max(word, WITHIN, key=WORDS.index)
             scale = floor if error is None else np.maximum(floor, error[name])
-            largest = float((departure / np.maximum(scale, 1e-300)).max())
-            if largest > row['errors']:
-                row.update(field=name, errors=largest)
+            ratios = departure / np.maximum(scale, 1e-300)
+            worst = int(ratios.argmax())
+            if ratios[worst] > row['errors']:
+                row.update(field=name, errors=float(ratios[worst]), departure=float(departure[worst]))
     if row['errors'] > 1.0:
         word = MATTERS
     return {**row, 'word': word}
@@ -126,7 +129,18 @@ def errors_of(base: Outcome, halved: Outcome) -> dict[str, np.ndarray] | None:
     if not base.numbers or not halved.numbers:
         return None
     fine = _by_field(halved)
-    return {name: 4.0 / 3.0 * np.abs(values - fine[name]).max(axis=0) for name, values in _by_field(base).items()}
+    columns = {name: 4.0 / 3.0 * np.abs(values - fine[name]).max(axis=0) for name, values in _by_field(base).items()}
+    return {name: _of_vectors(errors, VECTORS.get(name, (1,))) for name, errors in columns.items()}
+
+
+def _of_vectors(errors: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
+    """Errors of columns; all of a vector have its largest, for a direction that symmetry spares has none of its own."""
+    shared, begin = errors.copy(), 0
+    while begin < len(errors):
+        for size in sizes:
+            shared[begin : begin + size] = errors[begin : begin + size].max()
+            begin += size
+    return shared
 
 
 def _by_field(outcome: Outcome) -> dict[str, np.ndarray]:
@@ -236,6 +250,7 @@ def _summary(constant: Constant, factor: float, runs: Sequence[dict[str, Any]]) 
         'other status': sum(run['status'] != run['before'] for run in runs),
         'failed': sum(run['status'] not in ('ok', 'suspect') and run['before'] in ('ok', 'suspect') for run in runs),
         'errors': number(worst['errors']),
+        'departure': number(worst['departure']),
         'field': worst['field'],
         'worst': worst['member'] if word != NOTHING else '',
         'text': worst['text'],
@@ -256,7 +271,7 @@ def told(row: dict[str, Any]) -> str:
     if row['does'] == MATTERS:
         parts[0] += f' in {row[MATTERS]} of {row["runs"]} runs'
     if row['errors'] > 0.0:
-        parts.append(f'up to {row["errors"]:.2g} errors of {row["field"]} ({row["worst"]})')
+        parts.append(f'up to {row["errors"]:.2g} errors of {row["field"]} ({row["departure"]:.2g} in {row["worst"]})')
     if row['other status']:
         parts.append(f'another status in {row["other status"]}, {row["failed"]} failed')
     parts += [f'{name} {was} to {now}' for name, (was, now) in row['counters'].items()]
