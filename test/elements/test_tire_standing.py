@@ -10,7 +10,8 @@ from tire_bench import CAR, EXAMPLE, FLAT, HILLY, SEDAN, Tire, tire, value, whee
 
 from solver.elements.magic_formula import SLOWEST
 from solver.elements.tire_data import I, TireData, pack
-from solver.elements.tread import GIVE, GRAVITY, give_of, rolling_part
+from solver.elements.tread import GIVE, give_of, rolling_part
+from solver.units import MODEL_GRAVITY
 
 rolling = interpreted(rolling_part)
 STATES = {  # motion, and how far the tread has given, of what it can
@@ -70,7 +71,7 @@ def test_a_standing_wheel_resists_by_what_its_tread_has_given() -> None:
 def test_a_mass_on_a_slope_stands_or_rolls_as_dry_friction_says(h: float, radius: float, resistance: float) -> None:
     """x'' = g (s - f m), by backward Euler: at rest with b = b0 s/f below f; g (s - f) above it; from speed it comes to a stop, within the
     way that it rolls in a step, and back by b0 and no more."""
-    g, (b0, t) = GRAVITY, give_of(radius, resistance)
+    g, (b0, t) = MODEL_GRAVITY, give_of(radius, resistance)
 
     def run(slope: float, v: float, seconds: float) -> np.ndarray:
         """(n, 3) of place [m], velocity [m/s] and give [m]."""
@@ -106,7 +107,7 @@ def test_damping_of_the_tread_is_critical_whatever_the_size() -> None:
     for radius in (0.02, 0.3, 0.6):
         for resistance in (1e-3, 0.0085, 0.03):
             b0, t = give_of(radius, resistance)
-            assert 0.5 * t * np.sqrt(resistance * GRAVITY / b0) == pytest.approx(1.0)
+            assert 0.5 * t * np.sqrt(resistance * MODEL_GRAVITY / b0) == pytest.approx(1.0)
             assert 2.0 * b0 / t < SLOWEST  # of a wheel that turned the other way a moment ago
     assert give_of(0.3, 0.0) == give_of(0.3, 1e-4)
 

@@ -13,6 +13,7 @@ pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[r
 
 from mbd_sim_ros.node.commands import Commands
 from mbd_sim_ros.node.driving import Driving
+from mbd_sim_ros.node.latch import Latch
 
 PARAMETERS = {'max_steering': 12.0, 'max_road_wheel': 0.7, 'max_drive_torque': 100.0}
 
@@ -32,7 +33,8 @@ class Node:
 
 def commands(ends: dict[str, tuple[float, float]]) -> tuple[Commands, Node]:
     node = Node()
-    return Commands(node, ('steering', 'road_wheel', 'drive_torque'), ends=ends, deaf=True), node  # type: ignore[arg-type]
+    latch = Latch(SimpleNamespace(k=0, t_ns=0), commands=('steering', 'road_wheel', 'drive_torque'))  # type: ignore[arg-type]
+    return Commands(node, latch, ends=ends, deaf=True), node  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -67,6 +69,7 @@ def test_a_parameter_only_narrows(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_ends_are_those_of_the_car(settings: list[str], lock: float | None) -> None:
     scene = load_scene('light_car_straight', settings)
     values = {'commands': 'topics', 'steering_bandwidth': 5.0, 'steering_rate_limit': 20.0}
-    ends = Driving(scene, simulation_of(scene), values.get).ends['steering']
+    simulation = simulation_of(scene)
+    ends = Driving(scene, simulation, Latch(simulation), values.get).ends['steering']
     assert ends == (-scene.model.lock, scene.model.lock)
     assert lock is None or ends[1] == pytest.approx(lock, rel=1e-15)
