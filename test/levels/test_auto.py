@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import solver
-from solver.disk import location
 from solver.errors import SceneError
 from solver.inputs import recorded
 from solver.levels import auto
@@ -105,7 +104,7 @@ def test_a_maneuver_of_the_road_wheels_finds_its_plan(planned: Callable[..., Sce
 
 def test_without_the_plan_it_is_refused(planned: Callable[..., Scene]) -> None:
     scene = planned()
-    (location() / 'plans' / f'{auto.key(scene)}.json').unlink()
+    (auto.location() / 'plans' / f'{auto.key(scene)}.json').unlink()
     with pytest.raises(SceneError, match='there is no plan of this scene as it stands'):
         solver.simulation_of(scene)
 
