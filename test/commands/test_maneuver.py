@@ -248,7 +248,7 @@ def test_without_a_name_the_maneuvers_are_listed(capsys: pytest.CaptureFixture[s
     ('arguments', 'sentence'),
     [
         (['iso4183', 'light_car'], "did you mean 'iso4138'"),
-        (['iso4138'], 'which VEHICLE'),
+        (['iso4138'], 'the VEHICLE is missing'),
         (['iso4138', 'light_cart'], "did you mean 'light_car'"),
         (['iso4138', 'light_car', '--with', 'lowest=1'], "no parameter 'lowest'"),
     ],

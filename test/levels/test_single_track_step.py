@@ -391,5 +391,5 @@ def test_errors_are_sentences() -> None:
     assert s.k == 0
     with pytest.raises(SpecError, match='take another level'):
         _ = s.state
-    with pytest.raises(ConsistencyError, match=r'does not settle at 1e\+200 m/s with the steering wheel at 0.5 rad: take less'):
+    with pytest.raises(ConsistencyError, match=r'does not settle at 1e\+200 m/s with the steering wheel at 0.5 rad: reduce the speed'):
         simulation(TURNED, speed=1e200)
