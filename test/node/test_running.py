@@ -210,7 +210,7 @@ def test_a_pause_is_not_taken_for_a_slow_machine(opened) -> None:
 
 
 def test_inputs_that_no_command_is_for_are_named(opened, capfd, monkeypatch) -> None:
-    monkeypatch.setattr('synthetic.INPUTS', (*INPUTS, 'motor'))
+    monkeypatch.setattr('synthetic.INPUTS', (*INPUTS, 'motor', 'motor_rate', 'motor_acceleration'))  # a motion, which no topic drives
     sentence = 'no command is for motor: held as at the start; with the parameter commands = maneuver the maneuver'
     opened()
     assert sentence in capfd.readouterr().err
