@@ -19,6 +19,7 @@ import functools
 import hashlib
 import json
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -65,7 +66,7 @@ def _picture(name: str, roots: tuple[str, ...], *commands: Command) -> Product:
 TRADED = ('car_lane_change', 'car_rough_road', 'car_split_mu_brake', 'car_step_steer', 'car_swept_steer')
 SEEN = ('mbd_sim_ros.batch', 'mbd_sim_ros.analysis.view')
 TRAILER = ('mbd', 'run', 'saloon_with_trailer', '--out', 'out/trailer')
-DWELL = ('mbd', 'run', 'car_sine_with_dwell', '--out', 'out/sine_with_dwell')
+DWELL = ('mbd', 'run', 'car_sine_with_dwell', '--duration', '5', '--out', 'out/sine_with_dwell')  # then it goes straight on
 PRODUCTS: dict[str, Product] = {  # those that take seconds first
     'enveloping': _picture(
         'enveloping.png',
@@ -234,6 +235,8 @@ def make(names: Sequence[str]) -> int:
 
 
 def _run(command: Command) -> bool:
+    if command[:2] == ('mbd', 'run'):  # a recording of the last time is in the way: recordings are never overwritten
+        shutil.rmtree(ROOT / command[command.index('--out') + 1], ignore_errors=True)
     program = ('-m', 'mbd_sim_ros.commands.main') if command[0] == 'mbd' else (command[0],)
     return subprocess.run([sys.executable, *program, *command[1:]], cwd=ROOT, check=False).returncode == 0
 
