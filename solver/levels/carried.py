@@ -14,7 +14,7 @@ from typing import Any
 from solver.elements.marker import WORLD, Marker
 from solver.errors import SpecError
 from solver.model.compile import joint_coordinates
-from solver.model.spec import SECTIONS, ModelSpec, used_inputs
+from solver.model.spec import INPUTS, SECTIONS, ModelSpec, used_inputs
 
 Sections = dict[str, tuple[Any, ...]]
 
@@ -29,7 +29,7 @@ def apart(model: ModelSpec) -> tuple[ModelSpec, Sections]:
     alone = {section: tuple(spec for spec in sections[section] if spec.name not in names) for section, names in of.items()}
     less = dataclasses.replace(model, **alone, added=())
     used = used_inputs(less)
-    own = {getattr(spec, 'input', None) for specs in more.values() for spec in specs}
+    own = {getattr(spec, key, None) for specs in more.values() for spec in specs for key in INPUTS}
     return dataclasses.replace(less, inputs=tuple(name for name in model.inputs if name in used or name not in own)), more
 
 
@@ -63,7 +63,7 @@ def require_kept(less: ModelSpec, whole: ModelSpec) -> tuple[str, ...]:
 
 def left_out(spec: Any) -> str:
     """Something that a vehicle carries and a level does not have, in words. Raises SpecError where it is driven by an input."""
-    name = getattr(spec, 'input', None)
+    name = next(filter(None, (getattr(spec, key, None) for key in INPUTS)), None)
     if name:
         raise SpecError(f'{spec.where}: its input {name!r} moves nothing that this level has; use full, or leave the element out')
     return f'{spec.where}, which the vehicle carries'
@@ -85,6 +85,6 @@ def _bodies(spec: Any) -> list[str]:
 def _names(spec: Any) -> Iterator[str]:
     """Names that a specification may mention: texts in its fields, but its own name and that of its input."""
     for field, value in vars(spec).items():
-        if field not in ('name', 'input', 'own_input', 'gear'):
+        if field not in ('name', *INPUTS):
             values = value if isinstance(value, tuple) else (value,)
             yield from (one for v in values for one in (v if isinstance(v, tuple) else (v,)) if isinstance(one, str))

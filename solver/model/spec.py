@@ -80,6 +80,7 @@ class ModelSpec:
         return {name: getattr(self, name) for name in SECTIONS}
 
 
+INPUTS = ('input', 'own_input', 'gear')  # fields of specifications that name an input channel
 SECTIONS = ('bodies', 'coordinates', *(kind.name for kind in KINDS))
 
 
@@ -89,7 +90,7 @@ def used_inputs(model: ModelSpec) -> tuple[str, ...]:
     motions = {kind.name for kind in CONSTRAINTS}
     for section, specs in model.sections().items():
         for spec in specs:
-            for key in ('input', 'own_input', 'gear'):
+            for key in INPUTS:
                 name = getattr(spec, key, None)
                 if isinstance(name, str):
                     names[name] = None
