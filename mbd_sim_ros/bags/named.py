@@ -1,10 +1,13 @@
-"""Names of the numbers in a message: what is a column, and where in the message its number lies.
+"""Column names of the numbers in a decoded message, and the place of each number in the message.
 
-A set of named values is columns by name, whatever the order of the names: of JointState
-`<joint>/position|velocity|effort`, of others `<field>/<name>` (`interface_values` of DynamicJointState, `values` of
-DiagnosticStatus), or `<name>` alone where a message has no other field with numbers. Names are those of a list beside
-the values (`joint_names`) or of a field of each value (`key`, `child_frame_id`). Other numbers are `<field path>`,
-with an index in lists.
+The columns of named values are called by these names, so that their order in the message does not matter:
+
+    JointState             <joint>/position|velocity|effort
+    other named values     <field>/<name>, e.g. `values` of DiagnosticStatus, `interface_values` of DynamicJointState;
+                           <name> alone where no other field of the message has numbers
+    numbers without names  <field path>, with an index in lists
+
+The names stand in a list beside the values (LISTS, e.g. `joint_names`) or in a field of each value (ITEMS, e.g. `key`).
 """
 
 from __future__ import annotations
@@ -20,7 +23,8 @@ from mbd_sim_ros.messages.topics import IMU, JOINT_STATE, ODOMETRY, WRENCH
 from solver.errors import BagError
 
 _XYZ, _QUATERNION, _TWIST = ('x', 'y', 'z'), ('qx', 'qy', 'qz', 'qw'), ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
-# Per type: first field of a run of float64, and the column names of that run.
+# Message types with fixed columns: (first of several float64 fields that follow each other, column names of these
+# fields).
 _BLOCKS = {
     ODOMETRY: (
         ('pose.pose.position.x', [f'pose/{name}' for name in _XYZ + _QUATERNION]),
@@ -29,40 +33,49 @@ _BLOCKS = {
     IMU: (('orientation.x', _QUATERNION), ('angular_velocity.x', _TWIST[3:]), ('linear_acceleration.x', ('ax', 'ay', 'az'))),
     WRENCH: (('wrench.force.x', ('fx', 'fy', 'fz', 'mx', 'my', 'mz')),),
 }
-COLUMNS_MAX = 4096  # of one topic; a cloud of points is no set of channels
-LISTS = ('name', 'names', 'joint_names', 'interface_names', 'keys', 'labels', 'interface_groups')  # fields that name the items of others
-ITEMS = ('name', 'key', 'joint_name', 'child_frame_id', 'label', 'id')  # fields of an item that name it
-PARTS = ('position', 'velocity', 'effort')  # of a JointState
-TEXT = -1  # place of a number that is written as text
+# Columns of one topic at most: a message with more is an image or a point cloud. Ten times as many would keep 0.3 MB of
+# every message.
+COLUMNS_MAX = 4096
+# Fields of a message whose texts name the items of the lists beside them.
+LISTS = ('name', 'names', 'joint_names', 'interface_names', 'keys', 'labels', 'interface_groups')
+# Fields of an item of a list whose text names that item.
+ITEMS = ('name', 'key', 'joint_name', 'child_frame_id', 'label', 'id')
+PARTS = ('position', 'velocity', 'effort')  # fields of a JointState with numbers
+TEXT = -1  # Pick.place of a number that the message holds as text
 
 
 class Pick(NamedTuple):
-    """Place of the number of a column: the field, and which of its numbers (TEXT: its text is the number)."""
+    """Place in a message of the number of one column. path: the field. place: index of the number in the field, or
+    TEXT."""
 
     path: str
     place: int
 
 
 class Named(NamedTuple):
-    """The columns of a message by their names in the topic, and the sizes of its lists that nobody names, by what is shown of them."""
+    """Columns of a message. columns: column name within the topic -> place. sizes: name of a list without names -> its
+    size."""
 
     columns: dict[str, Pick]
     sizes: dict[str, int]
 
 
 def named(topic: str, kind: str, value: dict[str, Any], places: Mapping[str, cdr.Place], plain: bool | None = None) -> Named:
-    """The columns of a decoded message. plain: whether positions of a JointState are called by their joint alone (None: where the message
-    has nothing else and the topic is not called joint_states). Raises BagError for a message that is no set of
-    channels."""
+    """Columns of a decoded message.
+
+    kind: message type. value: the decoded message. places: field path -> its bytes. plain: whether a position of a
+    JointState is the column <joint> instead of <joint>/position; None lets is_plain() decide. Raises BagError for a
+    message that has too many numbers, or names two of them alike.
+    """
     numbers = sum(place.size for path, place in places.items() if not path.startswith('header.'))
     if numbers > COLUMNS_MAX:
-        raise BagError(f'a message of it holds {numbers} numbers, more than {COLUMNS_MAX}')
+        raise BagError(f'a message holds {numbers} numbers, more than {COLUMNS_MAX}')
     if kind == JOINT_STATE:
         return Named(_of_joints(topic, value.get('name'), places, plain), {})
     if kind in _BLOCKS:
         paths = list(places)
         if any(start not in paths for start, _ in _BLOCKS[kind]):
-            raise BagError(f'its definition is not that of {kind}')
+            raise BagError(f'the bag defines {kind} in another way than ROS does')
         return Named(
             {
                 name: Pick(path, 0)
@@ -77,26 +90,29 @@ def named(topic: str, kind: str, value: dict[str, Any], places: Mapping[str, cdr
 
 
 def _of_joints(topic: str, names: Any, places: Mapping[str, cdr.Place], plain: bool | None) -> dict[str, Pick]:
-    """Columns of a JointState; those of named scalars have positions alone."""
+    """Columns of a JointState."""
     if not isinstance(names, list) or any(part not in places for part in PARTS):
-        raise BagError(f'its definition is not that of {JOINT_STATE}')
+        raise BagError(f'the bag defines {JOINT_STATE} in another way than ROS does')
     filled = [part for part in PARTS if places[part].size]
     if len(set(names)) != len(names):
-        raise BagError(f'it names {next(name for name in names if names.count(name) > 1)!r} twice')
+        raise BagError(f'a message names {next(name for name in names if names.count(name) > 1)!r} twice')
     for part in filled:
         if places[part].size != len(names):
-            raise BagError(f'a message of it has {len(names)} names and {places[part].size} values of {part}')
+            raise BagError(f'a message has {len(names)} names and {places[part].size} values of {part}')
     alone = plain if plain is not None else is_plain(topic, places)
     return {name if alone and part == PARTS[0] else f'{name}/{part}': Pick(part, i) for part in filled for i, name in enumerate(names)}
 
 
 def is_plain(topic: str, places: Mapping[str, cdr.Place]) -> bool:
-    """True where a JointState is a set of named scalars."""
+    """True where a JointState holds named scalars: positions only, in a topic that is not called joint_states."""
     return [part for part in PARTS if places[part].size] == [PARTS[0]] and not topic.endswith('joint_states')
 
 
 def _message(node: Mapping[str, Any], path: str, shown: str, names: Sequence[str], found: Named) -> None:
-    """Add the columns of a message. path: of it in the encoded one. shown: of it in column names. names: of a list around it."""
+    """Add the columns of a message, or of one inside of it, to `found`.
+
+    path: its field path. shown: the beginning of its column names. names: of the items of the lists around it.
+    """
     names = next((_distinct(node[name]) for name in LISTS if _texts(node.get(name))), names)
     bearing = [name for name, field in node.items() if not _texts(field) and not isinstance(field, str)]
     for name, field in node.items():
@@ -118,7 +134,7 @@ def _message(node: Mapping[str, Any], path: str, shown: str, names: Sequence[str
 
 
 def _items(field: list | np.ndarray, path: str, shown: str, labels: Sequence[str], found: Named) -> None:
-    """Add the columns of the items of a list. labels: their names, where they have some."""
+    """Add the columns of the items of a list to `found`. labels: names of the items, or () where they have none."""
     for i, item in enumerate(field):
         label = labels[i] if labels else str(i)
         if isinstance(item, dict):
@@ -136,7 +152,7 @@ def _items(field: list | np.ndarray, path: str, shown: str, labels: Sequence[str
 
 
 def _labels(field: list | np.ndarray, names: Sequence[str]) -> Sequence[str]:
-    """Names of the items of a list; empty where they have none."""
+    """Names of the items of a list, or () where they have none."""
     if len(field) == len(names):
         return names
     if isinstance(field, np.ndarray) or not field:
@@ -146,12 +162,12 @@ def _labels(field: list | np.ndarray, names: Sequence[str]) -> Sequence[str]:
 
 
 def _texts(field: Any) -> bool:
-    """True where a field is a list of texts (an empty list may be one of anything)."""
+    """True where a field is a list of texts. False for an empty list, whose type is not known."""
     return isinstance(field, list) and bool(field) and isinstance(field[0], str)
 
 
 def _distinct(names: Sequence[str]) -> list[str]:
-    """Names that are all different and not empty: the second of one name is name#2."""
+    """The names, made different: the second `a` becomes `a#2`, an empty name `_`."""
     seen: Counter[str] = Counter()
     result = []
     for name in names:
@@ -162,5 +178,5 @@ def _distinct(names: Sequence[str]) -> list[str]:
 
 def _add(found: Named, name: str, pick: Pick) -> None:
     if name in found.columns:
-        raise BagError(f'two numbers of a message of it are called {name!r}')
+        raise BagError(f'a message has two numbers that are called {name!r}')
     found.columns[name] = pick

@@ -1,19 +1,24 @@
-"""Servo: an elastic mesh with a motor that helps where a hand turns against it, as torsion bar and motor of electric power steering do.
+"""Servo: an elastic mesh whose torque a motor amplifies, as torsion bar and motor of an electric power steering do.
 
-    s = factor_1 x_1 + factor_2 path(x_2)         wind-up of the mesh; path: that of solver.elements.transmission
-    T = stiffness s + damping ds/dt               its torque, which a sensor measures
-    lag dz/dt = held(map(T'), limit) - z          the motor; T' = -sgn(factor_1) T, with the sign with which the mesh pushes x_1
+The mesh is a spring and a damper between two joint coordinates x_1 and x_2. The motor pushes x_1, with a force z that
+follows the measured torque of the mesh with a lag.
+
+    s = factor_1 x_1 + factor_2 path(x_2)         wind-up of the mesh; path: see solver.elements.transmission
+    T = stiffness s + damping ds/dt               torque of the mesh, which a sensor measures
+    T' = -sgn(factor_1) T                         the same, with the sign with which the mesh pushes x_1
+    lag dz/dt = held(map(T', |v|), limit) - z     force z of the motor; v: forward speed of the body of the marker
     Q_1 = z - factor_1 T                          generalized force on x_1
-    Q_2 = -factor_2 path'(x_2) T                  and on x_2
+    Q_2 = -factor_2 path'(x_2) T                  generalized force on x_2
 
-The map goes over T' and |v|, v being the forward speed of the body of the marker. It is odd in T' and zero without it: at each of its
-speeds the monotone cubic through its points (solver.elements.laws), linear between the speeds, and beyond the last speed that of the last.
-The force is held smoothly at its limit (solver.elements.smooth). The power that the motor supplies is negative dissipation; stored is
-stiffness s^2/2.
+The map is odd in T' and zero at T' = 0. At each of its speeds it is the monotone cubic through the points of that speed
+(solver.elements.laws). Between two speeds it is linear; beyond the last speed it stays as it is there. held() limits
+the force smoothly (solver.elements.smooth). The mesh stores the energy stiffness s^2/2; the power of the motor is
+counted as negative dissipation.
 
-An inertia J behind a mesh with stiffness k and damping c, helped with the gain g, swings by J s^2 + (k + c s) (1 + g / (1 + lag s)) = 0.
-By Routh's criterion that dies out at every gain if lag < c / k. Without the damping in what is measured, which is the phase lead of a
-controller, it would only up to a gain that good steering needs.
+Stability: an inertia J behind a mesh of stiffness k and damping c, with the gain g of the motor, has the characteristic
+equation J p^2 + (k + c p) (1 + g / (1 + lag p)) = 0. By Routh's criterion it is stable at every gain if lag < c / k.
+That is because the sensor sees the damping torque too (the phase lead of a controller); a sensor of k s alone would be
+stable only up to a gain that is too small for a good steering.
 """
 
 from __future__ import annotations
@@ -40,7 +45,7 @@ from solver.elements.transmission import add_wind_up, require_wind_up, wind_up
 from solver.validate import finite, require, require_grid, require_rising
 
 OUTPUTS = {**OF_MESH, 'speed': 'm/s', 'motor': 'N or N m'}
-BODIES = 5  # of the two terms (4), and of the marker
+BODIES = 5  # bodies of a servo: two of each coordinate of the mesh, and the body of the marker
 
 
 def require_map(where: str, speeds: Sequence[float], torques: Sequence[float], forces: Sequence[Sequence[float]]) -> None:
@@ -59,10 +64,12 @@ def require_map(where: str, speeds: Sequence[float], torques: Sequence[float], f
 class ServoSpec(Spec):
     """An elastic mesh with a motor on its first coordinate; see the module for the formula.
 
-    terms: two (coordinate name, factor), whose sum is the wind-up; the second may be a rotation behind universal joints with the harmonics
-    a_2, b_2, a_4, b_4 [rad] of solver.elements.transmission. stiffness [N m/rad] > 0 and damping [N m s/rad] of the mesh. marker: whose
-    body's speed counts, along its x axis. speeds [m/s] and torques [N m], rising, torques above 0; forces: for each speed those at the
-    torques [N or N m]. limit: largest force of the motor [N or N m]; lag: its time constant [s], both > 0.
+    terms: two (coordinate name, factor), whose sum is the wind-up. harmonics: a_2, b_2, a_4, b_4 [rad] of
+    solver.elements.transmission, where the second coordinate is a rotation behind universal joints. stiffness [N
+    m/rad], positive, and damping [N m s/rad] of the mesh. marker: the forward speed is that of its body, along the x
+    axis of the marker. speeds [m/s] and torques [N m] of the map: both rising, torques positive. forces: a row for each
+    speed, with the force at each torque [N or N m]. limit: largest force of the motor [N or N m], positive. lag: time
+    constant of the motor [s], positive.
     """
 
     terms: tuple[tuple[str, float], ...]
@@ -86,39 +93,40 @@ class ServoSpec(Spec):
         require_map(self.where, self.speeds, self.torques, self.forces)
 
     def law(self, row: int) -> Law:
-        """Force over torque at a speed of the map."""
+        """Force [N or N m] over torque [N m] at speeds[row]."""
         points = list(zip(self.torques, self.forces[row], strict=True))
         return Law.table([(-x, -y) for x, y in reversed(points)] + [(0.0, 0.0), *points], self.where, 'forces')
 
     def at_speed(self, speed: float) -> ServoSpec:
-        """The servo as it acts at a speed [m/s], at every speed."""
+        """A servo that acts at every speed as this one does at `speed` [m/s]."""
         forces = tuple(float(np.interp(speed, self.speeds, column)) for column in zip(*self.forces, strict=True))
         return self.replace(speeds=(0.0,), forces=(forces,))
 
 
 class ServoTable(NamedTuple):
-    """Columns of all servos; body: i and j of the first and of the second term, and that of the marker."""
+    """Compiled data of n servos; m is the number of speeds of all maps together."""
 
-    coordinate: np.ndarray  # (n, 3) that efforts are shown at: of the mesh at both, unless the second is behind joints, and of the motor
-    factor: np.ndarray  # (n, 3) of these efforts, the first two those of the wind-up
-    term: np.ndarray  # (n, 2) coordinates of the wind-up
+    # (n, 3) coordinates at which efforts are shown: mesh at x_1, mesh at x_2 (-1 behind universal joints), motor at x_1
+    coordinate: np.ndarray
+    factor: np.ndarray  # (n, 3) factors of these efforts; the first two are factor_1 and factor_2 of the wind-up
+    term: np.ndarray  # (n, 2) indices of the coordinates x_1 and x_2
     harmonics: np.ndarray  # (n, 4)
     stiffness: np.ndarray  # (n,)
     damping: np.ndarray  # (n,)
     forward: np.ndarray  # (n, 3, 3) axes of the marker in its body
-    start: np.ndarray  # (n + 1,) rows of the map of servo e: start[e]:start[e + 1]
-    speed: np.ndarray  # (m,)
-    law: np.ndarray  # (m,)
-    limit: np.ndarray  # (n,)
-    lag: np.ndarray  # (n,)
-    chord: np.ndarray  # (n,) whether tangents are at least those of the chord to the origin (approach)
-    state: np.ndarray  # (n,) internal state: the force of the motor
-    body: np.ndarray  # (n, 5)
-    slot: np.ndarray  # (n, 5, 5) block (row body, column body)
+    start: np.ndarray  # (n + 1,) the map of servo e has the rows start[e]:start[e + 1] of speed and law
+    speed: np.ndarray  # (m,) [m/s]
+    law: np.ndarray  # (m,) index of the law of force over torque at this speed
+    limit: np.ndarray  # (n,) [N or N m]
+    lag: np.ndarray  # (n,) [s]
+    chord: np.ndarray  # (n,) 1: the tangent is at least the slope of the line to the origin, see approached()
+    state: np.ndarray  # (n,) index of the internal state z, the force of the motor
+    body: np.ndarray  # (n, BODIES) i and j of the first coordinate, i and j of the second one, body of the marker
+    slot: np.ndarray  # (n, BODIES, BODIES) matrix block of (row body, column body)
 
 
 def compile_servos(specs: Sequence[ServoSpec], context: Context) -> ServoTable:
-    """Resolve names, laws and bodies into a table; one internal state per servo."""
+    """Resolve the names of coordinates and bodies into a table, and reserve one internal state per servo."""
     n = len(specs)
     term = np.array([[context.coordinate(s.where, name) for name, _ in s.terms] for s in specs], np.int64).reshape(n, 2)
     table = ServoTable(
@@ -167,7 +175,7 @@ def servo_forces(table, now, effects, out):
         demand, by_torque, by_speed = evaluate_map(now.laws, table.start, table.speed, table.law, e, pushing, ahead * speed)
         share = now.cz / table.lag[e]
         force = (now.zp[n] + share * held(demand, table.limit[e])) / (1.0 + share)
-        # both forces on the first coordinate as one over its factor
+        # Q_1 here is the force of mesh and motor on x_1, divided by factor_1
         Q_1 = force / first - torque
         for a in range(2):
             add_gradient(Q_1, g[a], table.body[e, a], f)
@@ -201,8 +209,12 @@ def servo_forces(table, now, effects, out):
 
 
 def approached(table: ServoTable) -> ServoTable:
-    """Servos with which the search for static equilibrium begins. From a wind-up far beyond the limit, where the force does not change any
-    more, Newton's method would go to and fro; with the chord, which leads towards the origin, it comes near."""
+    """Servos with which the search for static equilibrium begins: the tangent is at least the slope of the chord to the
+    origin.
+
+    At a wind-up far beyond the limit the force is constant and the true tangent is zero: Newton's method would
+    oscillate. The chord leads it towards the origin.
+    """
     return table._replace(chord=np.ones_like(table.chord))
 
 

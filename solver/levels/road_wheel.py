@@ -23,9 +23,11 @@ from solver.scene import Scene
 from solver.vehicle.actuation import IN_DEGREES
 from solver.vehicle.trailer import without_trailer
 
-RANGES = (8.0, 6.0, 4.0, 2.0)  # of the steering wheel to either side [rad], up to its end stops: the first that is reached
-NODES = 33  # the universal joints of a column let the ratio swing twice a turn
-LOOKS = 2000  # at a maneuver, for what is beyond the map
+# Angles of the steering wheel to either side [rad] up to which the map is measured: the first that the bench reaches,
+# at most the end stops.
+RANGES = (8.0, 6.0, 4.0, 2.0)
+NODES = 33  # points of the map; the ratio varies twice a turn, by the universal joints of the steering column
+LOOKS = 2000  # instants of a maneuver at which its angle is compared with the range of the map
 
 
 def steering_map(model: ModelSpec) -> Mapped:
@@ -56,8 +58,8 @@ def by_steering_wheel(scene: Scene) -> Scene:
     worst = float(angles[np.argmax(np.abs(angles))])
     low, high = found.points[0][0], found.points[-1][0]
     if not low <= worst <= high:
-        beyond = f'{worst:g} rad is beyond the steering, {low:.3g} to {high:.3g} rad; {IN_DEGREES}'
-        raise SceneError(f'scene {scene.name!r}: maneuver.road_wheel: {beyond}')
+        beyond = f'{worst:g} rad is beyond the steering, which turns the road wheels by {low:.3g} to {high:.3g} rad'
+        raise SceneError(f'scene {scene.name!r}: maneuver.road_wheel: {beyond}; {IN_DEGREES}')
     mapped = dataclasses.replace(found, of=wanted)
     return dataclasses.replace(scene, maneuver=dataclasses.replace(scene.maneuver, road_wheel=Constant(), steering=mapped))
 

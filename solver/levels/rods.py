@@ -1,9 +1,13 @@
-"""Links and control arms without mass: a body that is held by a bushing or joint at one end and a ball joint at the other.
+"""Links and control arms without mass: bodies with a bushing or a joint at one end and a ball joint at the other.
 
-A link that hangs in a bushing swings about it in two directions and becomes one rod (solver.elements.rod) with the stiffness along its line
-and the resistance against swing that the bushing has at the ball joint. An arm swings about the axis of its bushing alone; its stiffness at
-the ball joint in the plane of axis and ball is a 2x2 matrix, which two rods from the axis to the ball have exactly. A link between ideal
-joints becomes a distance that is kept. Its ends carry the mass (Draft.share).
+A link between ideal joints becomes a distance joint. A link in a bushing can swing about the bushing in two directions.
+It becomes one rod (solver.elements.rod): along its line with the stiffness of the bushing, and with the resistance of
+the bushing to the swing. A control arm can swing about the axis of its bushing only. Its stiffness at the ball joint,
+in the plane of axis and ball, is a 2x2 matrix. Two rods from the axis to the ball have exactly that matrix. The mass of
+the body goes to the bodies at its ends (Draft.share).
+
+In this file a is the place of the bushing or joint, which holds the body `near`, and b that of the ball joint, which
+holds the body `far`, both (3,) [m] in the design frame. C is the compliance (3, 3) [m/N] of the bushing, felt at b.
 """
 
 from __future__ import annotations
@@ -21,12 +25,14 @@ from solver.levels.compliance import at_arm, in_series, increasing, rates, solve
 from solver.levels.draft import Draft, Hold, three, unit
 from solver.model.frames import frame_of_axis
 
-SOFT = 0.01  # of the stiffness along a link: a direction across it that is softer swings
-HANGING = ('spherical', 'universal')
+# Stiffness at b across the line a-b, relative to the stiffness along it: a direction that is softer swings freely. With
+# ten times as much, stiff arms with soft bushings would become links.
+SOFT = 0.01
+HANGING = ('spherical', 'universal')  # kinds of ideal joints about which a link swings
 
 
 def massless_links(draft: Draft) -> None:
-    """Make rods of all bodies that are links or arms."""
+    """Replace all links and control arms of a model by rods or distance joints, in place."""
     for body in list(draft.bodies):
         ends = _two_ends(draft, body)
         if ends is not None and body != draft.chassis:
@@ -34,7 +40,8 @@ def massless_links(draft: Draft) -> None:
 
 
 def _two_ends(draft: Draft, body: str) -> tuple[Hold, Hold] | None:
-    """(the end that hangs, the ball joint) where a body has nothing else."""
+    """(marker of the bushing or joint, marker of the ball joint) of a body that has these two markers and no others,
+    else None."""
     holds = draft.holds(body)
     if len(holds) != 2 or holds[0].name == holds[1].name:
         return None
@@ -48,6 +55,7 @@ def _two_ends(draft: Draft, body: str) -> tuple[Hold, Hold] | None:
 
 
 def _replace(draft: Draft, body: str, hanging: Hold, ball: Hold) -> None:
+    """Replace one body, if it is a link or an arm. hanging, ball: its markers from _two_ends()."""
     near, far = draft.other(hanging).body, draft.other(ball).body
     a, R = draft.placed(draft.spec(hanging).i)
     b = draft.placed(draft.other(ball)).p
@@ -74,12 +82,13 @@ def _replace(draft: Draft, body: str, hanging: Hold, ball: Hold) -> None:
 def _rods(
     draft: Draft, body: str, spec: BushingSpec, near: str, far: str, a: np.ndarray, b: np.ndarray, R: np.ndarray
 ) -> tuple[np.ndarray | None, list[RodSpec]]:
-    """(axis about which the part swings, None for a link; its rods); no rods where it is neither a link nor an arm."""
+    """(unit vector of the axis about which an arm swings, or None for a link; the rods). No rods: it is neither."""
     if any(spec.preload):
         return None, []
     k, c = rates(spec), np.array(spec.damping)
     C = at_arm(k, R, b - a)
-    loss = float((c / k)[3:].min()), float(np.median((c / k)[:3]))  # of the soft rotations and of the stiff translations [s]
+    # damping over stiffness [s] of the bushing: of its soft rotations, of its stiff translations
+    loss = float((c / k)[3:].min()), float(np.median((c / k)[:3]))
     u = unit(b - a)
     stiff = 1.0 / float(product(u, product(C, u)))
     frame = _swing_frame(u, solved(C))
@@ -93,7 +102,7 @@ def _rods(
 
 
 def _swing_frame(u: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """(3, 3) axes with z along u, x and y across it where the stiffness K has no coupling of the two."""
+    """(3, 3) axes: z along u; x and y across it, as principal axes of the stiffness K, so that K_xy = 0."""
     F = frame_of_axis(three(u))
     xx, yy, xy = (float(product(F[:, p], product(K, F[:, q]))) for p, q in ((0, 0), (1, 1), (0, 1)))
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy) if abs(xy) > 1e-12 * (xx + yy) else 0.0
@@ -105,7 +114,8 @@ def _link(
     draft: Draft, body: str, spec: BushingSpec, near: str, far: str, a: np.ndarray, b: np.ndarray, R: np.ndarray, C: np.ndarray,
     F: np.ndarray, loss: tuple[float, float],
 ) -> RodSpec:  # fmt: skip
-    """One rod: its law that of the bushing's axes in series, its swing about x and y of F."""
+    """The rod of a link. Its law is that of the three translations of the bushing in series; it swings about x and y of
+    F (3, 3)."""
     length = norm(b - a)
     u = F[:, 2]
     laws = [
@@ -128,7 +138,11 @@ def _link(
 def _arm(
     draft: Draft, body: str, near: str, far: str, a: np.ndarray, b: np.ndarray, axis: np.ndarray, C: np.ndarray, loss: tuple[float, float]
 ) -> list[RodSpec]:
-    """Two rods from the axis to the ball: their directions n are conjugate, n_1 C n_2 = 0, so k_1 n_1 n_1 + k_2 n_2 n_2 = C^-1."""
+    """The two rods of an arm, from the axis (unit vector) to the ball joint.
+
+    Their directions n_1 and n_2 are conjugate, n_1 C n_2 = 0. So k_1 n_1 n_1^T + k_2 n_2 n_2^T with k = 1/(n C n) is
+    the inverse of C in the plane of axis and ball.
+    """
     arm = b - a
     shift = float(product(axis, arm))
     radial = arm - shift * axis

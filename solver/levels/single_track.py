@@ -1,17 +1,21 @@
-"""The level `single_track`: two axles on a plane, with roll, identified from runs of the whole vehicle.
+"""The level `single_track`: a model with two axles that moves in the plane and rolls, identified from runs of the full
+vehicle.
 
-Conserved are mass, centre of mass, inertia of yaw and roll and their product, loads of the axles, wheelbase and tracks, the inertia of all
-that turns with the wheels, the drag, the shares of drive and brakes, the gear from the steering wheel to the road wheels. Measured on the
-whole vehicle, on a flat road of friction 1:
+Taken from the data of the vehicle: mass, centre of mass, moments of inertia in yaw and roll and their product, axle
+loads, wheelbase, tracks, inertia of the parts that turn with the wheels, drag, the shares of the axles in drive and
+brakes. Identified from runs of the full vehicle on a flat road of friction 1:
 
-    creeping with the steering turned      gear of the steering, of a rear axle that follows too
-    driving and braking straight on        rolling radii and resistance, stiffness against slip, load moved and its lag, pitch
-    braking more and more                  longitudinal peaks
-    ramp steer, step steer at two speeds,
-    step steer braked in the bend          characteristics and relaxation of both axles, roll steer, roll
+    run                                      parameters that it gives
+    creeping with the steering turned        steering ratio, also of a rear axle that steers with the front one
+    driving and braking straight on          rolling radius, rolling resistance, slip stiffness, load transfer with its
+                                             lag, pitch
+    braking harder and harder                peak of the longitudinal force
+    ramp steer, step steer at two speeds,    lateral characteristic and relaxation length of both axles, roll steer,
+    step steer with braking in the bend      roll stiffness and damping
 
-The last group by least squares of yaw rate, lateral velocity and roll over time, the level itself driving the same inputs
-(Levenberg-Marquardt with explicit start; sums, products and the solution of the normal equations have the same bits on every processor).
+The last group is a least-squares fit: the level drives the same inputs, and the differences to the full vehicle in yaw
+rate, lateral velocity and roll over time become as small as possible (Levenberg-Marquardt from a fixed start, with the
+same bits on every processor).
 """
 
 from __future__ import annotations
@@ -48,24 +52,30 @@ from solver.vehicle.transfer import refuse_locked, without_connections
 STANDING = Limit(
     quantity='height over the road at the start', unit='m', high=REACH, why='it stands on the road, and neither falls nor springs up'
 )
-# on 0.5 three cars turn 4 to 5 % less at three quarters of their limit, on 0.3 one of them 12 %
+# 1 - friction of the road, at most. At friction 0.5 three cars turned 4 to 5 % less than the full vehicle, at three
+# quarters of their lateral limit; at friction 0.3 one of them turned 12 % less.
 SLIPPERY = Limit(quantity='friction below 1', unit='', high=0.5, why='it is identified on a road of friction 1')
-LIFTED = 'the weight that steering lifts: the torque at the steering wheel is that of the tires alone, too small in slow, tight bends'
-WITH_FRICTION = ('lateral acceleration', 'slip angle', 'slip', 'combined acceleration')  # limits in proportion to it
+LIFTED = (
+    'raising of the car by the kingpins when it steers: the torque at the steering wheel comes from the tires alone, '
+    'and is too small in slow, tight bends'
+)
+# Quantities whose limits are in proportion to the friction of the road.
+WITH_FRICTION = ('lateral acceleration', 'slip angle', 'slip', 'combined acceleration')
 
 
 def derive(scene: Scene) -> Derived:
-    """The level `single_track` of a scene. Raises SceneError."""
+    """The level `single_track` of a scene. Raises SceneError for a vehicle or a maneuver that the level cannot have."""
     model, more = apart(scene.model)
     where = f"scene {scene.name!r}: fidelity = 'single_track'"
     refuse_trailer(model)
     refuse_locked(model)
     if {tire.name for tire in model.tires} != set(CORNERS):
         wheels = f'needs the wheels {", ".join(CORNERS)} and no others'
-        raise SceneError(f'{where}: {wheels}; name the tires of a car on two axles so, or take condensed or full')
+        raise SceneError(f'{where}: {wheels}; rename the tires, or take the level condensed or full')
     missing = [name for name in COMMANDS if name not in model.inputs]
     if missing:
-        raise SceneError(f'{where}: the vehicle has no input {missing[0]!r}; take another level')
+        needed = f'needs the input {missing[0]!r}, which the vehicle does not have'
+        raise SceneError(f'{where}: {needed}; take another level')
     if model.engines or model.clutches:
         raise SceneError(f'{where}: the vehicle has an engine with a gearbox, which this level does not have; take full or condensed')
     if scene.actuation.wheels:
@@ -82,15 +92,12 @@ def derive(scene: Scene) -> Derived:
             'left and right of an axle: wheel loads and forces of single wheels, wheel lift',
             'travel of the wheels, bounce, pitch as a motion of its own, wheel hop, engine and subframes on their mounts',
             'unevenness and slope of the road; friction counts as the mean of both wheels of an axle',
-            'torsion of steering and driveline; efforts of wheels are those of their brakes, whatever drives them',
-            'turn slip, and the moment against turning a wheel on the spot',
+            'torsion of steering and driveline; the published effort of a wheel is its brake torque alone',
+            'turn slip, and the moment that resists turning a wheel on the spot',
             LIFTED,
             *without_connections(model),
             *unlifted(model),
-            *(
-                f'the map of the motor of {servo.name}: the torque at the steering wheel is linear, fitted with its help'
-                for servo in model.servos
-            ),
+            *(f'assistance map of {servo.name}: a linear steering torque replaces it' for servo in model.servos),
             *map(left_out, in_order(more)),
         ),
         validity=(*(on_road(Limit(**limit), model.road) for limit in found['validity']), STANDING, SLIPPERY),
@@ -100,13 +107,14 @@ def derive(scene: Scene) -> Derived:
 
 
 def unlifted(model: ModelSpec) -> tuple[str, ...]:
-    """Sentence on the lift of a vehicle, if it has some."""
+    """(one sentence on the aerodynamic lift that the level leaves out), or () for a vehicle without lift."""
     wings = [aero.name for aero in model.aero_drags if aero.lift_area]
     return (f'lift of {", ".join(wings)}: the axles are loaded as at {SPEED * size_of(model).speed:g} m/s at every speed',) if wings else ()
 
 
 def on_road(limit: Limit, road: RoadSpec) -> Limit:
-    """A limit that was found on a road of friction 1, on one of another friction, which may not be the same everywhere."""
+    """A limit that was found at friction 1, as it holds on the road of the scene, whose friction may differ from place
+    to place."""
     scaled = on_friction(limit, road.friction)
     if limit.quantity not in WITH_FRICTION or not varies(road):
         return scaled
@@ -114,8 +122,11 @@ def on_road(limit: Limit, road: RoadSpec) -> Limit:
 
 
 def on_friction(limit: Limit, friction: float) -> Limit:
-    """A limit that was found on a road of friction 1, on one of another: with the peak of the tires' characteristics, whose slope stays,
-    slips and forces up to which these are followed are so many times as large. Larger ones were not tried."""
+    """A limit that was found at friction 1, as it holds at another friction [-].
+
+    The peak force of a tire is in proportion to the friction, its slip stiffness does not change. So the slips and
+    forces up to which the level was fitted scale with the friction. Friction above 1 was not tried: the limit stays.
+    """
     if limit.quantity not in WITH_FRICTION or limit.high is None or friction >= 1.0:
         return limit
     return dataclasses.replace(
@@ -124,7 +135,8 @@ def on_friction(limit: Limit, friction: float) -> Limit:
 
 
 def shown(model: ModelSpec) -> ModelSpec:
-    """Model that the level shows of a vehicle: chassis with all mass, wheels and steering wheel on it."""
+    """Model that outputs, URDF and viewers see: a chassis with all the mass, and on it the wheels and the steering
+    wheel."""
     bodies = {b.name: b for b in model.bodies}
     chassis = bodies[model.chassis or model.bodies[0].name]
     wheels = {tire.name: bodies[tire.marker.body] for tire in model.tires}
@@ -146,7 +158,7 @@ def shown(model: ModelSpec) -> ModelSpec:
 
 
 def identified(model: ModelSpec) -> dict[str, Any]:
-    """All parameters of the level of a vehicle, and where it holds."""
+    """All parameters of the level, by group, and under 'validity' the limits within which it was fitted."""
     scene = Scene(name='identification', model=dataclasses.replace(model, road=RoadSpec()))
     bulk = masses(model)
     mass, com, inertia, size = bulk['mass'], bulk['com'], bulk['inertia'], size_of(model)

@@ -1,9 +1,11 @@
-"""Branch switches: a mechanism that passes a singular position and leaves it along another branch of motion than it came in on.
+"""Branch switches: a mechanism enters a singular position on one branch of motion and leaves it on another one.
 
-At a regular position the velocities that the constraints allow form a space that turns smoothly with the motion. At a singular
-position more velocities are possible; where two branches cross there, each continues its own space smoothly, and the space of the
-other stands at an angle to it. So a switch is a turn of the space of free velocities, across the position where the constraints are
-weakest, that its turning before and after does not explain. A motion that only comes to rest and returns does not turn its space.
+The free velocities are those that the constraints allow. At a regular position they form a space that turns smoothly
+with the motion. At a singular position more velocities are free, and two branches of motion may cross. Along each
+branch the space of free velocities turns smoothly, but the spaces of the two branches stand at an angle to each other.
+So a switch shows as a jump of this space across the position where the constraints are weakest: it turns by more than
+its turning just before and after explains. A motion that comes to rest and returns does not turn the space, and is no
+switch.
 """
 
 from __future__ import annotations
@@ -17,8 +19,11 @@ import numpy as np
 from solver.model.state import fitting
 from solver.output.dependence import RANK_TOLERANCE
 
-EXPLAINED = 3.0  # times the turn over as many steps beside the weakest position may be the turn across it
-LEAST = 0.1  # rad; a smaller turn is no other branch
+# Turn of the free velocities across the weakest position, as a multiple of their turn over as many steps beside it,
+# that is no switch. With ten times as much, switches during a fast motion would be missed.
+EXPLAINED = 3.0
+# Turn [rad] that is no switch, whatever the turn beside it. Ten times as much would miss branches that cross at 1 rad.
+LEAST = 0.1
 
 
 class BranchSwitch(NamedTuple):
@@ -29,25 +34,28 @@ class BranchSwitch(NamedTuple):
 
 
 class _Look(NamedTuple):
-    t: float
-    weakest: float  # smallest singular value that belongs to the rank
-    free: np.ndarray  # (n, dof) orthonormal
+    """The constraints at one step."""
+
+    t: float  # [s]
+    weakest: float  # smallest singular value of the scaled Jacobian that counts for its rank
+    free: np.ndarray  # (n, dof) orthonormal basis of the free velocities
 
 
 class BranchWatch:
-    """Finds branch switches from one look per step at the constraints. events: those found since reset()."""
+    """Finds branch switches while a simulation runs: look() takes the constraints of every step. events: switches since
+    reset()."""
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget all looks and events."""
         self.events: list[BranchSwitch] = []
         self._rank = 0
         self._looks: deque[_Look] = deque(maxlen=5)
 
     def memory(self) -> dict[str, np.ndarray]:
-        """The last looks, as arrays: a passage that has begun is judged by those before it."""
+        """The last looks as arrays, for a saved state: a passage that has begun is judged by the looks before it."""
         looks = self._looks
         return {
             'looks': np.array([(look.t, look.weakest) for look in looks]).reshape(-1, 2),
@@ -55,8 +63,8 @@ class BranchWatch:
         }
 
     def recall(self, memory: dict[str, np.ndarray], events: list[BranchSwitch]) -> None:
-        """Inverse of memory(), with what was found until then. Looking begins anew from a state that has no looks,
-        because its run was not watched. Raises SpecError.
+        """Inverse of memory(). events: switches found until then. A state without looks comes from a run that was not
+        watched; looking then begins anew. Raises SpecError for arrays whose shapes do not fit.
         """
         looks, free = memory.get('looks', np.zeros((0, 2))), memory.get('free', np.zeros((0, 0, 0)))
         fitting('looks', looks, np.zeros((looks.size // 2, 2)))
@@ -72,7 +80,7 @@ class BranchWatch:
             return
         _, size, right = np.linalg.svd(A)
         rank = int((size > RANK_TOLERANCE * size[0]).sum())
-        if rank > self._rank:  # until now the mechanism stood in a singular position
+        if rank > self._rank:  # the looks until now were in a singular position, where the rank is lower
             self._looks.clear()
             self._rank = rank
         self._looks.append(_Look(t, float(size[self._rank - 1]), right[self._rank :].T))
@@ -87,9 +95,10 @@ class BranchWatch:
 
 
 def unexplained_turn(first: np.ndarray, before: np.ndarray, after: np.ndarray, last: np.ndarray) -> float:
-    """Turn [rad] of the space of free velocities between `before` and `after` if what it turns beside them does not explain it, else 0.
+    """Turn [rad] of the free velocities between `before` and `after` where it is a switch, else 0.
 
-    Scaled Jacobians (nc, n) at four instants, the same time apart.
+    The arguments are scaled Jacobians (nc, n) at four instants at equal distances. The turn is a switch where the turns
+    from `first` to `before` and from `after` to `last` do not explain it.
     """
     if not len(first):
         return 0.0
@@ -108,6 +117,7 @@ def angle(N: np.ndarray, M: np.ndarray) -> float:
 
 
 def switches_before(saved: Mapping[str, np.ndarray]) -> list[BranchSwitch]:
-    """Branch switches of the run that saved a state. Raises SpecError."""
+    """Branch switches in a saved state: those of the run until it was saved. Raises SpecError for an array of another
+    shape."""
     found = saved.get('switches')
     return [BranchSwitch(*row) for row in fitting('switches', found, np.zeros((0 if found is None else found.size // 2, 2))).tolist()]

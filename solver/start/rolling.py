@@ -1,5 +1,8 @@
-"""Start of a vehicle, beside that of a mechanism: something that holds it on a slope, wheels that roll, settling at
-speed."""
+"""Start of a vehicle: what it needs beyond the start of a mechanism.
+
+The vehicle is laid onto the road (lay_on_road), held on a slope while its equilibrium is sought (held_body), its wheels
+are made to roll at the start speed (roll_wheels), and it settles in its suspension at that speed (settle_rolling).
+"""
 
 from __future__ import annotations
 
@@ -25,23 +28,35 @@ from solver.step.augmented_lagrangian import advance
 from solver.step.work import OK, Scheme, StepResult, scheme_parameters
 from solver.vehicle.size import size_of
 
-STEEP = 0.05  # rad, what the search for static equilibrium turns a body in one iteration
-# lengths and times of REACH and SETTLE are those of a passenger car, and scaled with the vehicle (solver.vehicle.size)
-REACH = 0.1  # m, the travel of a suspension: from further away than that the search ends with wheels that have turned or slipped
-SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
-SETTLE_EVERY = 0.05  # s
-SETTLE_PENALTY = 1e6
-SETTLE_RHO = 0.8  # spectral radius at infinite frequency, whatever that of the scene
-SETTLE_STEP = 5e-3  # s, whatever the step of the scene, so that a start does not depend on it; where it settles does not depend on the step
-UNSTEADY = 0.1  # of its speed, by which that of a driven vehicle may change in SETTLE_EVERY; put back by more, shafts misfit wheels
-SPINNING = 1.3  # times the rate of rolling at which a wheel has lost its grip
-ALIGNED = 0.9  # cosine between the axis of a coordinate and that of a wheel which turns in it
-STOPPED = 0.5  # of its speed: brakes that leave a vehicle less of it at once hold its wheels, which are not made to turn as fast as before
-SLIPPING = 0.05  # of the rate of its shaft: slip of a clutch that does not hold it
-GUIDED_TIME = 0.02  # s, ten times the lag of what guides hold wheels by (solver.levels.kc)
-GUIDED_STEP = 1e-4  # s
-SETTLE_TURN = 2.0  # rad that a shaft may turn in such a step, or steps are divided: from 3 on they were seen to fail
-SETTLE_AGAIN = 2.3  # rad from which on steps are divided again, for an engine that is driven faster meanwhile
+# Angle [rad] between floor and road that is left to the search for static equilibrium, which turns a body by so much in
+# one iteration. From ten times as much, links turn over on the way.
+STEEP = 0.05
+# The lengths and times of REACH, SETTLE_TIME, SETTLE_EVERY and SETTLE_STEP are those of a passenger car. They scale
+# with the vehicle (solver.vehicle.size).
+# Distance [m] from the road that is left to the search for static equilibrium: the travel of a suspension. From further
+# away the search ends with wheels that have turned or slipped.
+REACH = 0.1
+SETTLE_TIME = 5.0  # duration [s] of settling at speed: some ten periods of a suspension mode
+SETTLE_EVERY = 0.05  # interval [s] after which the vehicle is put back to its place and speed
+SETTLE_PENALTY = 1e6  # penalty of the constraints while settling, in place of that of the scene
+SETTLE_RHO = 0.8  # spectral radius at infinite frequency while settling, in place of that of the scene
+# step [s] while settling, in place of that of the scene: a start does not depend on the step of the scene
+SETTLE_STEP = 5e-3
+# Change of speed of a driven vehicle in SETTLE_EVERY, relative to its speed, from which on it is not steady. Put back
+# by more than that, the rates of shafts would not fit those of the wheels.
+UNSTEADY = 0.1
+SPINNING = 1.3  # rate of a wheel, relative to that of rolling, from which on it has lost its grip
+ALIGNED = 0.9  # least cosine between the axis of a coordinate and the axis of the wheel that turns in it
+# Speed of a braked vehicle after SETTLE_EVERY, relative to the start speed: if less is left, the brakes hold the
+# wheels, and the wheels are not made to turn again.
+STOPPED = 0.5
+SLIPPING = 0.05  # slip of a clutch, relative to the rate of its shaft, from which on it does not hold the shaft
+# duration [s] of the short steps for wheels in guides: ten times the lag of a guide (solver.levels.kc)
+GUIDED_TIME = 0.02
+GUIDED_STEP = 1e-4  # those steps [s]
+# angle [rad] that a shaft may turn in one step of settling, or the step is divided; from 3 on steps failed
+SETTLE_TURN = 2.0
+SETTLE_AGAIN = 2.3  # the angle [rad] from which on it is divided again, because an engine turns faster than it did
 
 
 def _heights(model: Model, places: np.ndarray) -> np.ndarray:
@@ -51,8 +66,8 @@ def _heights(model: Model, places: np.ndarray) -> np.ndarray:
 
 
 def ground(model: Model, state: State) -> tuple[np.ndarray, np.ndarray]:
-    """(point (3,) [m], normal (3,)) of the plane that a vehicle stands on: the base plane of the road or, where it has grids, the one that
-    lies nearest to the road below its wheels."""
+    """(point (3,) [m], normal (3,)) of the plane that a vehicle stands on: the base plane of the road. If the road has
+    grids, it is the plane of least squares through the road below the wheels."""
     road = model.spec.road
     if not road.grids:
         return np.array(road.point), np.array(road.normal)
@@ -70,12 +85,13 @@ def ground(model: Model, state: State) -> tuple[np.ndarray, np.ndarray]:
 
 
 def lay_on_road(model: Model, state: State, chassis: int) -> None:
-    """Turn a whole vehicle, joints and all, about the centre of mass of its chassis until its floor is parallel to the road below it, as
-    far from it as it was placed above it; further from it than REACH it is put onto it.
+    """Turn and lift a whole vehicle as one rigid body, until its floor is parallel to the road below it. Changes
+    `state`.
 
-    Nothing is done if the two differ by less than STEEP and REACH: the search for equilibrium goes that far by itself.
-    From a level placement on a steeper slope the wheels of one side would stand so deep in the road that links turn
-    over on the way out.
+    It turns about the centre of mass of its chassis, and keeps its height above the road. If that height is above
+    REACH, the vehicle is put onto the road. A smaller angle than STEEP and a smaller height than REACH are left to the
+    search for equilibrium. From a level placement on a steeper slope, the wheels of one side would be so deep in the
+    road that links turn over on the way out.
     """
     if not model.spec.tires:
         return
@@ -101,10 +117,11 @@ def lay_on_road(model: Model, state: State, chassis: int) -> None:
 
 
 def held_body(model: Model, chassis: int, u: np.ndarray) -> int | None:
-    """The chassis of a vehicle whose brakes are all released under the inputs u (nu,), else None.
+    """The body that the search for static equilibrium holds along its x axis: the chassis of a vehicle without brakes
+    applied.
 
-    It is held along its x axis while static equilibrium is sought: on a slope it is found where it was placed, resting in its suspension,
-    and rolls away from there.
+    None for a mechanism, or if the inputs u (nu,) apply a brake. On a slope the equilibrium is then found where the
+    vehicle was placed, and the vehicle rolls away from there.
     """
     braked = any(kind.capacities(model.elements[kind.name].value, u).any() for kind in FORCES if kind.capacities)
     return chassis if model.spec.tires and not braked else None
@@ -120,9 +137,9 @@ def without_brakes(model: Model, u: np.ndarray) -> np.ndarray:
 
 
 def without_hands(model: Model, u: np.ndarray) -> np.ndarray:
-    """The inputs u (nu,) without a torque at a free steering wheel: it acts from the first step on.
+    """The inputs u (nu,) with zero torque at a free steering wheel. The torque acts from the first step of the run on.
 
-    Tires that slide hold no torque, and a car that settled under it would have its steering wheel at the stop.
+    Sliding tires do not resist the torque: a car that settled under it would have its steering wheel at the stop.
     """
     released = u.copy()
     for k, name in enumerate(model.spec.inputs):
@@ -142,7 +159,7 @@ def _evaluated(model: Model, state: State, u: np.ndarray) -> np.ndarray:
 
 
 def held_shafts(model: Model, state: State, u: np.ndarray) -> list[int]:
-    """Bodies of the shafts that clutches without slip hold to what turns with the wheels, under the inputs u (nu,)."""
+    """Body indices of the shafts that a clutch without slip connects to the wheels, under the inputs u (nu,)."""
     clutches = model.spec.clutches
     if not clutches:
         return []
@@ -154,8 +171,10 @@ def held_shafts(model: Model, state: State, u: np.ndarray) -> list[int]:
 
 
 def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray, wanted: Mapping[str, float]) -> dict[str, float]:
-    """Let the wheels roll at `speed` [m/s], in state.v, or turn by the rate that is wanted of their coordinate; returns the rates [rad/s]
-    of the coordinates in which they turn."""
+    """Let the wheels roll at `speed` [m/s]: sets their angular velocities in state.v.
+
+    wanted: coordinate of a wheel -> rate [rad/s] that it has instead. Returns coordinate -> rate [rad/s] of all wheels.
+    """
     loads = model.outputs(TIRES.name, _evaluated(model, state, u))[:, TIRES.column('fz')]
     turns = [j for j in model.spec.joints if j.kind == 'revolute'] + [c for c in model.spec.coordinates if c.kind == 'rotation']
     rates = {}
@@ -173,7 +192,7 @@ def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray, wanted:
                 rates[turn.name] = wanted.get(turn.name, sign * rate)
                 rate = sign * rates[turn.name]
                 break
-        # the wheel itself has to turn before velocities are projected, or the projection would turn what carries it
+        # The wheel has to turn already when velocities are projected: otherwise the projection would turn its carrier.
         state.v[model.body_names.index(tire.marker.body), 3:] += rate * spin
     return rates
 
@@ -190,20 +209,25 @@ def settle_rolling(
     *,
     driven: bool,
 ) -> bool:
-    """Let a vehicle that starts at `speed` [m/s] come to rest in its suspension, on the spot and at its speed; states[0] is its state.
+    """Let a vehicle settle in its suspension at `speed` [m/s], at the place where it starts. states[0] is its state,
+    and changes.
 
-    Rolling tires grow and stiffen, drag and drive torque act: a car that stands in equilibrium does not roll in it. It begins without
-    accelerations, with the constraint forces of that equilibrium; what this disturbs dies away with the rest. Every SETTLE_EVERY
-    seconds it is put back to its speed and, along the road, to its place and heading: put back level, a car on a slope would stand in the
-    road or above it, and one that steers or is on a bank would else begin on another course than it was placed on.
-    Wheels that joints hold turn as joints allow; those that guides hold stand where springs have them, whose forces feel what so long a
-    step leaves of a wheel's path in a bend (4e-5 rad made 18 000 rad/s^2). They settle in short steps at the end.
+    The equilibrium at speed is another than that at rest: rolling tires grow and stiffen, drag and drive torque act. So
+    the vehicle is simulated for SETTLE_TIME, from the equilibrium at rest, without accelerations at first. Every
+    SETTLE_EVERY it is put back to its speed and, along the road, to its place and heading. Along the road, because a
+    car on a slope that is put back horizontally would stand in the road or above it. To its heading, because a car that
+    steers or stands on a bank would otherwise start on another course than it was placed on.
 
-    Returns False if it is `driven` by more than a steady state has: a wheel spins or the speed changes by more than UNSTEADY at once.
-    (Where wheels spin the steady state is one with the engine at its limiter.) Raises ConsistencyError with the sentence of `explain`
-    when a step fails.
+    Guides (solver.elements.guide) hold their wheels by stiff springs, where other wheels have joints. In a bend the
+    long steps leave an error in the path of such a wheel that the springs turn into large accelerations (4e-5 rad made
+    18 000 rad/s^2). So vehicles with guides settle for GUIDED_TIME more, in steps of GUIDED_STEP.
+
+    driven: whether a drive torque acts. explain: sentence about a failed step. Returns False if the vehicle is driven
+    by more than a steady state has: a wheel spins, or the speed changes by more than UNSTEADY in SETTLE_EVERY. (A
+    steady state with spinning wheels would be one with the engine at its limiter.) Raises ConsistencyError when a step
+    fails.
     """
-    # with settings of its own: every method of a comparison starts from the same state
+    # Settings of its own: all integration methods start from the same state, so that their runs can be compared.
     own = {
         'penalty': np.full(model.n_rows, SETTLE_PENALTY),
         'factor': np.ones(model.n_rows),
@@ -219,7 +243,8 @@ def settle_rolling(
     nx, ny, nz = model.spec.road.normal
     n = ground(model, cast(State, states[0].value))[1]
     wheels = [model.body_names.index(tire.marker.body) for tire in model.spec.tires]
-    # a guided wheel is put back to its speed about its axis alone: it turns with the body as it has settled, and no joint sees to that
+    # Spin axis of each wheel in a guide. Only its rate about this axis is put back: its other rates have settled with
+    # the chassis, and no joint would correct them.
     guided = {wheel: matrix(t.marker.orientation)[:, 1] for wheel, t in zip(wheels, model.spec.tires, strict=True) if model.spec.guides}
     rolling = norms(cast(State, states[0].value).v[wheels, 3:]) / abs(speed)
     for last in (False,) * round(SETTLE_TIME / SETTLE_EVERY) + (True,) * bool(model.spec.guides):
@@ -244,7 +269,7 @@ def settle_rolling(
         if driven and (spins or abs(now - speed) > UNSTEADY * abs(speed)):
             return False
         back = place - q[chassis, :2]
-        if model.spec.road.grids:  # as high above the road below its wheels as it was
+        if model.spec.road.grids:  # the wheels keep their mean height above the road
             q[:-1, 2] += np.mean(_heights(model, q[wheels, :2] + back) - _heights(model, q[wheels, :2]))
         else:
             q[:-1, 2] -= (nx * back[0] + ny * back[1]) / nz
@@ -260,8 +285,11 @@ def settle_rolling(
 
 
 def turn_over_road(state: State, chassis: int, n: np.ndarray, ahead: np.ndarray) -> None:
-    """Turn a whole vehicle with its motion about the centre of mass of its chassis and the normal n (3,) of the road, until the x axis of
-    its chassis, in the plane of the road, is in the direction `ahead` (3,).
+    """Turn a whole vehicle, with all its velocities and accelerations, until its chassis heads in the direction `ahead`
+    (3,).
+
+    The axis of the turn is the normal n (3,) of the road through the centre of mass of the chassis. The heading is the
+    x axis of the chassis, projected onto the plane of the road. Changes `state`.
     """
     forward = matrix(tuple(state.q[chassis, 3:]))[:, 0]
     across = float(product(n, np.cross(forward, ahead)))

@@ -264,18 +264,21 @@ class Driving:
         return load_scene_text(text, 'scene of the maneuver', self.overrides).model.road.friction
 
     def _reaching(self, text: str, wanted: float) -> float:
-        """Angle [rad] with which the car reaches a lateral acceleration in the steady state, from a slow ramp to the left.
+        """Angle [rad] of the steering wheel for a steady lateral acceleration `wanted` [m/s^2], from a slow ramp to the
+        left.
 
-        The car answers late, so the ramp is ahead of the angle for the acceleration it shows, at any time by the same: what a straight
-        line through small accelerations leaves at zero.
+        The car answers late: at any time of the ramp the angle is ahead, by the same amount, of the angle that belongs
+        to the acceleration. This amount is the angle at zero acceleration of a straight line through small
+        accelerations.
         """
         friction = self._friction(text)
         a, d, ended = self._ramp(text, 1.0, 1.05 * wanted, friction)
         if a.max() < wanted:
-            there = ', where the ramp of the steering wheel ended' if ended else ''
+            there = ', where the ramp ended' if ended else ''
             raise SpecError(
                 f'{self.vehicle.stem} does not reach a lateral acceleration of {wanted:.3g} m/s^2 at this speed{on(friction)}: '
-                f'{a.max():.3g} m/s^2 at {math.degrees(d[-1]):.3g} deg{there}; give the steering with --set maneuver.steering=...'
+                f'{a.max():.3g} m/s^2 at {math.degrees(d[-1]):.3g} deg of the steering wheel{there}; '
+                'give the steering with --set maneuver.steering=...'
             )
         small = (a >= 0.2 * wanted) & (a <= 0.6 * wanted)
         ahead = line(a[small], d[small])[1] if small.sum() >= 5 else 0.0

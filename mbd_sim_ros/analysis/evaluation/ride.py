@@ -1,13 +1,15 @@
 """Ride comfort [ISO2631]: weighted accelerations of the body, running RMS, vibration dose values.
 
-The weightings are the product of a band limitation, a transition from acceleration to velocity, and an upward step:
+A frequency weighting is the product of a band limitation, a transition from acceleration to velocity, and an upward
+step:
 
     H = s^2/(s^2 + w1 s/Q1 + w1^2) * w2^2/(s^2 + w2 s/Q2 + w2^2) * (1 + s/w3)/(1 + s/(Q4 w4) + (s/w4)^2)
         * (1 + s/(Q5 w5) + (s/w5)^2)/(1 + s/(Q6 w6) + (s/w6)^2) (w5/w6)^2 * K
 
-with Q1 = Q2 = 1/sqrt(2); W_d has no step. They are applied in the frequency domain, exactly, to the signal followed by silence, so they
-are causal filters whatever the sampling rate. W_k is for the vertical direction of a seated person, W_d for the horizontal ones, W_b for
-the vertical one in trains (ISO 2631-4).
+with Q1 = Q2 = 1/sqrt(2). W_k is for the vertical direction of a seated person, W_d (without the step) for the
+horizontal directions, W_b for the vertical direction in trains (ISO 2631-4). A weighting multiplies the spectrum of the
+signal, which is exact at every sampling rate. SILENCE is appended to the signal, so that the end of the filter's
+response does not wrap around to the beginning.
 """
 
 from __future__ import annotations
@@ -26,19 +28,23 @@ from solver.elements.road import within
 from solver.scene import Scene
 
 NORM = 'ISO 2631-1:1997 [ISO2631]'
-SILENCE = 10.0  # s after the signal; the slowest filter, 0.4 Hz, forgets within 2 s
+SILENCE = 10.0  # zeros after the signal [s]; the response of the slowest filter, 0.4 Hz, has died out after 2 s
+# (upper end of the total value [m/s^2], likely reaction in public transport), annex C of the norm.
 COMFORT: tuple[tuple[float, str], ...] = (
     (0.315, 'not uncomfortable'), (0.63, 'a little uncomfortable'), (1.0, 'fairly uncomfortable'), (1.6, 'uncomfortable'),
     (2.5, 'very uncomfortable'), (math.inf, 'extremely uncomfortable'),
 )  # fmt: skip
-CREST = 9.0
-SLOW, DRIVEN = 0.5, 1.0  # Hz below which horizontal accelerations are of driving; m/s^2 about their middle, from which on that is told
-SHORTEST = 220.0  # m of rough road
-AHEAD = 6.0  # m behind where base_link ends, for the front wheels and the end of the road
+CREST = 9.0  # crest factor above which the norm asks for MTVV or vibration dose value beside the RMS
+SLOW = 0.5  # frequency [Hz] below which a horizontal acceleration comes from driving, not from vibration
+DRIVEN = 1.0  # amplitude [m/s^2] of the acceleration from driving above which a note warns of it
+SHORTEST = 220.0  # least length of the rough road [m]
+# rough road beyond the last place of base_link [m]: for the front wheels, which are ahead of it, and a margin
+AHEAD = 6.0
 
 
 class Weighting(NamedTuple):
-    """Frequencies [Hz] and quality factors of a weighting; step of no effect where f5 is 0."""
+    """A frequency weighting: corner frequencies f [Hz], quality factors q [-], gain [-]. It has no step where f5 is
+    0."""
 
     f1: float
     f2: float
@@ -70,8 +76,8 @@ WEIGHTINGS = {
     'wd': Weighting(0.4, 100.0, 2.0, 2.0, 0.63),
     'wb': Weighting(0.4, 100.0, 16.0, 16.0, 0.55, 2.5, 0.9, 4.0, 0.95, 1.024),
 }
-PLACE = ('x', 'y', 'heading')
-AXES = (('x', 'ax', 'wd'), ('y', 'ay', 'wd'), ('z', 'az', 'wk'))
+PLACE = ('x', 'y', 'heading')  # signals that say where the car is on the road
+AXES = (('x', 'ax', 'wd'), ('y', 'ay', 'wd'), ('z', 'az', 'wk'))  # (axis, signal, weighting)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,13 +92,16 @@ class Ride:
 
 
 def weighted(y: np.ndarray, rate: float, weighting: Weighting) -> np.ndarray:
-    """The signal after its weighting."""
+    """The signal y (n,), sampled at `rate` [Hz], after the weighting."""
     n = y.size + round(SILENCE * rate)
     return np.fft.irfft(np.fft.rfft(y - y[0], n) * weighting.response(np.fft.rfftfreq(n, 1.0 / rate)), n)[: y.size]
 
 
 def running_rms(y: np.ndarray, rate: float, constant: float) -> np.ndarray:
-    """sqrt of the exponential mean of y^2: (1/T) integral of y^2(u) exp((u - t)/T) du, exact for y^2 that is linear between samples."""
+    """Running RMS of y (n,) with the time constant T = `constant` [s].
+
+    It is the root of (1/T) integral of y^2(u) exp((u - t)/T) du, exact for y^2 that is linear between samples.
+    """
     from scipy import signal
 
     h = 1.0 / rate
@@ -104,7 +113,8 @@ def running_rms(y: np.ndarray, rate: float, constant: float) -> np.ndarray:
 
 
 def rough(s: Signals, scene: Scene) -> np.ndarray:
-    """(n,) whether all wheels that come on the grids of the road at all are on one; none where no wheel does."""
+    """(n,) True while the car is on the rough part of the road: all wheels that ever come onto a height grid are on
+    one."""
     c, d = np.cos(s['heading']), np.sin(s['heading'])
     places = {body.name: body.position for body in scene.model.bodies}
     wheels = []
@@ -120,7 +130,7 @@ def rough(s: Signals, scene: Scene) -> np.ndarray:
 
 
 def judge(s: Signals, p: Ride) -> Result:
-    """Weighted accelerations. Raises BagError."""
+    """Ride comfort of a recording. Raises BagError for one that is too short or without vibration."""
     used = s.t >= s.t[0] + p.begin
     if used.sum() < 2 or s.t[-1] - s.t[0] < p.begin + 2.0:
         raise s.refuse(f'it lasts {s.t[-1] - s.t[0]:.3g} s; ride needs {p.begin + 2.0:g} s')
@@ -129,14 +139,14 @@ def judge(s: Signals, p: Ride) -> Result:
     length = float(s.t[used][-1] - s.t[used][0])
     notes = list(s.notes)
     notes.append('accelerations are those of the IMU in the body, not those of a seat')
-    rate = 1.0 / s.every(*(name for _, name, _ in AXES))  # that of another topic may be larger
+    rate = 1.0 / s.every(*(name for _, name, _ in AXES))  # of the accelerations; s.rate may be that of a faster topic
     if rate < 250.0:
         notes.append(f'recorded at {rate:.4g} Hz: nothing above {0.5 * rate:.4g} Hz is in the figures, the weightings reach to 100 Hz')
     slow = max(0.5 * float(np.ptp(low_passed(s[name], s.rate, SLOW, poles=4)[used])) for name in ('ax', 'ay'))
     if slow > DRIVEN:
         notes.append(
-            f'the car accelerates, brakes or turns: below {SLOW:g} Hz its horizontal acceleration changes by {slow:.2g} m/s^2 to both '
-            'sides; the figures are of that too, and the norm means vibration'
+            f'the car accelerates, brakes or turns: its horizontal acceleration below {SLOW:g} Hz has an amplitude of '
+            f'{slow:.2g} m/s^2; the figures contain it, although the norm is about vibration'
         )
     scene = s.vehicle.scene
     if scene is not None and scene.model.road.grids and all(name in s for name in PLACE):
@@ -187,7 +197,7 @@ def judge(s: Signals, p: Ride) -> Result:
 
 
 def road(scene: Scene) -> dict[str, object]:
-    """A road as long as the way of the car."""
+    """Overrides of a scene that make its rough road as long as the way of the car."""
     return {'road.grids[0].length': max(SHORTEST, 10.0 * math.ceil(0.1 * (speed_of(scene) * scene.duration + AHEAD)))}
 
 

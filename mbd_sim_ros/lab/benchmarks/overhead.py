@@ -1,4 +1,5 @@
-"""Time that encoding, recording and publishing add to a step of a loop that is paced like the node's."""
+"""Benchmark of the messages: the time that encoding, recording and publishing add to a step of the node's real-time
+loop."""
 
 from __future__ import annotations
 
@@ -28,6 +29,7 @@ from solver import simulation_of
 from solver.files.scene import load_scene
 from solver.output.snapshot import Snapshot
 
+# Measured part of a step -> its explanation in the report.
 PIECES = {
     'step': 'advance(1) in the loop, every step',
     'encode': 'from the snapshot to the bytes of all messages, in the steps that publish',
@@ -35,6 +37,7 @@ PIECES = {
     'record': 'handing the bytes to the recorder, in the same steps',
     'overhead': 'encode + publish + record, what the simulation thread pays for such a step',
 }
+# Figure of a report -> its explanation; times in us.
 FIGURES = {
     **{f'{name}_{at}': f'{text}: {what}' for name, text in PIECES.items() for at, what in (('p50', 'median'), ('p99', '99th percentile'))},
     'overhead_max': 'the same: largest',
@@ -42,20 +45,23 @@ FIGURES = {
     'other_threads': 'mean CPU time per step of all other threads: deliveries to the recording process, and middleware',
     'recording': 'mean CPU time per step of the recording process: writing, compression, the end of the file',
 }
-PRIORITY = 10  # real-time priority, where the system permits it; the node's by default
-DOMAIN = 101  # ROS domain of its own: nothing on the network listens to a benchmark
-DISCOVERY_SECONDS = 10.0
+# real-time priority of the loop, the default of the node; without the permission the loop runs without it
+PRIORITY = 10
+DOMAIN = 101  # ROS domain of the benchmark, apart from the default 0: nothing else on the network listens to it
+DISCOVERY_SECONDS = 10.0  # s to wait for the reader's subscriptions; topics without one by then are published unread
+# the reader process
 LISTEN = 'import sys; from mbd_sim_ros.lab.benchmarks.overhead import listen; listen(sys.argv[1:])'
 
 Publishing = Iterator[tuple[Callable[[Sequence[bytes | None]], None], int]]
 
 
 class Overhead:
-    """Measures one case in the loop of the node in real time: a step whenever one is due, messages after every `publish_every`-th.
+    """Measures one case in the loop of the node, in real time: a step whenever one is due.
 
-    In between only the inputs are recorded, without which a run could not be replayed. publish: also with rclpy, to one reader in a process
-    of its own. Raises SceneError, SpecError or ConsistencyError on construction (ImportError without rclpy), StepError or BagError from
-    round().
+    publish_every: messages of all topics are made after every `publish_every`-th step. After the other steps only the
+    inputs are recorded, which a replay needs of every step. publish: whether the messages are also published with
+    rclpy, to a reader in another process. Raises SceneError, SpecError or ConsistencyError on construction (ImportError
+    without rclpy), StepError or BagError from round().
     """
 
     def __init__(self, scene: str, overrides: Sequence[str], *, publish: bool, publish_every: int = 1) -> None:
@@ -71,14 +77,14 @@ class Overhead:
             with on_all_cores():  # for the threads of the middleware: the core of the loop is for the loop
                 self._publish, self._published = self._resources.enter_context(publication(self._messages.topics, sample))
         self._every = publish_every
-        self._times: list[int] = []  # ns, of every step
-        self._pieces: list[tuple[int, ...]] = []  # ns, of the steps that publish
-        self._late = 0
-        self._others: list[float] = []
-        self._recordings: list[float] = []
+        self._times: list[int] = []  # CPU time of advance(1) of every step [ns]
+        self._pieces: list[tuple[int, ...]] = []  # (encode, publish, record, overhead) of each step with messages [ns]
+        self._late = 0  # steps that ended after the next one was due
+        self._others: list[float] = []  # CPU time per step of all other threads, of each round [us]
+        self._recordings: list[float] = []  # CPU time per step of the recording process, of each round [us]
 
     def round(self, steps: int) -> None:
-        """Make `steps` steps with all that follows them."""
+        """Run and measure `steps` steps with their messages, recorded into a temporary bag."""
         simulation = self.simulation
         if simulation.k + steps > simulation.scene.steps:
             simulation.reset()
@@ -86,7 +92,8 @@ class Overhead:
             recording = -children()
             with on_all_cores():
                 messages, recorder = record(simulation, Path(scratch) / 'bag')
-            recording -= time.clock_gettime((~recorder.pid << 3) | 2)  # its CPU clock: the start does not count
+            # (~pid << 3) | 2 is the clock of the CPU time of a process (Linux): subtracted, the start does not count
+            recording -= time.clock_gettime((~recorder.pid << 3) | 2)
             others = time.thread_time_ns() - time.process_time_ns()
             others -= self._pace(steps, messages, recorder)
             recorder.close()
@@ -96,7 +103,7 @@ class Overhead:
         self._recordings.append(recording / steps * 1e6)
 
     def _pace(self, steps: int, messages: Messages, recorder: StepRecorder) -> int:
-        """Run the loop of the node for some steps; returns the CPU time of its thread [ns]."""
+        """Run the loop of the node for `steps` steps; returns the CPU time of the thread of the loop [ns]."""
         simulation, clock = self.simulation, time.thread_time_ns
         first, rows = simulation.k, simulation.source.table(simulation.k, steps)
         begin = end = 0
@@ -110,7 +117,7 @@ class Overhead:
         def emit(snapshot: Snapshot) -> None:
             nonlocal end
             end = t1 = clock()
-            if snapshot.k == first:  # the loop shows where it starts
+            if snapshot.k == first:  # the state at the start, which the loop emits first
                 return
             self._times.append(t1 - begin)
             recorder.note(snapshot.k, snapshot.inputs[None])
@@ -143,7 +150,8 @@ class Overhead:
         self._resources.close()
 
     def figures(self) -> dict[str, Any]:
-        """The part of the report that belongs to this case: sizes and times [us]."""
+        """The part of the report that belongs to this case: sizes, and under 'figures' those of FIGURES, times in
+        us."""
         samples = dict(zip(PIECES, (np.array(self._times), *np.array(self._pieces).T), strict=True))
         us = {f'{name}_p{q}': float(np.percentile(ns, q)) * 1e-3 for name, ns in samples.items() for q in (50, 99)}
         us['overhead_max'] = float(samples['overhead'].max()) * 1e-3
@@ -163,7 +171,8 @@ class Overhead:
 
 @contextmanager
 def like_the_node() -> Iterator[None]:
-    """The interpreter as the node sets it: the thread of the loop gets its lock back soon, and what is here to stay is not collected."""
+    """Settings of the interpreter in the node: a short switch interval of threads, and no garbage collection of present
+    objects."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH)
     gc.collect()
@@ -176,16 +185,17 @@ def like_the_node() -> Iterator[None]:
 
 
 def children() -> float:
-    """CPU time of the processes started from here that have ended [s]."""
+    """CPU time [s] of the child processes that have ended."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return usage.ru_utime + usage.ru_stime
 
 
 @contextmanager
 def publication(topics: Sequence[Topic], samples: Sequence[bytes | None]) -> Publishing:
-    """Publishers of `topics`, each with one reader in another process; gives (publish, number of topics that have their reader).
+    """Publishers of `topics`, and one process that reads them all; gives (publish, number of topics that are read).
 
-    Topics of types that are not installed are left out. Raises ImportError without rclpy.
+    publish: takes the encoded messages in the order of `topics`, None for a topic without one. samples: one encoded
+    message per topic. A topic whose type is not installed is left out. Raises ImportError without rclpy.
     """
     import rclpy
     from rclpy.context import Context
@@ -225,13 +235,14 @@ def installed(message_type: str) -> bool:
 
 
 def listen(topics: Sequence[str]) -> None:
-    """Read the topics (name:type) and throw away what comes, until the process is terminated."""
+    """Main function of the reader process: subscribe to the topics ('name:type') and drop their messages, until
+    terminated."""
     import rclpy
     from rclpy.executors import ExternalShutdownException
 
     from mbd_sim_ros.node.publish import message_class
 
-    os.sched_setaffinity(0, range(os.cpu_count() or 1))  # not on the core that is measured alone
+    os.sched_setaffinity(0, range(os.cpu_count() or 1))  # all cores: the parent process is bound to the measured one
     rclpy.init(args=[])
     node = rclpy.create_node('mbd_bench_reader', enable_rosout=False)
     for topic in topics:

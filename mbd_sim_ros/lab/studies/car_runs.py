@@ -1,4 +1,8 @@
-"""Runs of one maneuver on a common grid, their converged limit with its error band, and how each of them departs from it."""
+"""Runs of one maneuver with different settings: sampled on one time grid, and compared with their converged limit.
+
+run() makes a run. converged() extrapolates runs of ever smaller steps to the limit of step zero, with an error band.
+departures(), orders() and growth() say by how much a run departs from that limit.
+"""
 
 from __future__ import annotations
 
@@ -14,23 +18,23 @@ from solver.errors import MbdError, SpecError
 from solver.files.scene import load_scene
 from solver.simulation import Simulation
 
-GRID = 0.01  # s
+GRID = 0.01  # time between samples [s]; every step size must divide it
 FORCES = tuple(TIRE_COLUMNS.index(name) for name in ('fx', 'fy', 'fz'))
 
 
 class CarRun(NamedTuple):
-    """A run on the grid, as far as it came."""
+    """A run, sampled every GRID seconds until its end or failure."""
 
     name: str
     t: np.ndarray  # (n,) [s]
     place: np.ndarray  # (n, 2) x, y of the chassis frame [m]
     heading: np.ndarray  # (n,) [rad], continuous
-    velocity: np.ndarray  # (n, 2) of that frame along its own x, y [m/s]
+    velocity: np.ndarray  # (n, 2) of the chassis frame, along its own x and y [m/s]
     yaw_rate: np.ndarray  # (n,) [rad/s]
     forces: np.ndarray  # (n, 4, 3) tire forces fx, fy, fz in the contact frame [N]
-    steps: np.ndarray  # (m, 2) t, step size from then on [s]
-    figures: dict[str, float]  # counters and CPU time
-    message: str  # why it ended early, or ''
+    steps: np.ndarray  # (m, 2) time [s], step size from then on [s]
+    figures: dict[str, float]  # counters, and CPU time [s]
+    message: str  # error that ended the run early, or ''
 
 
 def run(scene: str, name: str, overrides: Sequence[str], duration: float) -> CarRun:
@@ -44,7 +48,8 @@ def run(scene: str, name: str, overrides: Sequence[str], duration: float) -> Car
 
 
 def follow(simulation: Simulation, name: str, duration: float) -> CarRun:
-    """The run of a simulation from its start on; a failure ends it and is kept as its message."""
+    """The run of a simulation from its start on, for duration [s]; a failure ends the run and is kept as its
+    message."""
     rows, message = [_row(simulation.snapshot())], ''
     begin = time.process_time()
     try:
@@ -68,39 +73,43 @@ def follow(simulation: Simulation, name: str, duration: float) -> CarRun:
 
 
 def _row(s) -> np.ndarray:
+    """Numbers of a snapshot in the order in which follow() takes them apart."""
     x, y, z, w = s.pose[0, 3:]
     heading = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
     forces = s.tire[:, FORCES].ravel()
     return np.concatenate([[s.t_ns * 1e-9, *s.pose[0, :2], heading, *s.twist[0, :2], s.twist[0, 5]], forces])
 
 
-CURVES = ('place', 'heading', 'velocity', 'yaw_rate', 'forces')
+CURVES = ('place', 'heading', 'velocity', 'yaw_rate', 'forces')  # fields of CarRun that are compared
 
 
 class Converged(NamedTuple):
     """The limit of step halving, by Richardson's extrapolation of the two finest runs of a method of second order."""
 
     run: CarRun
-    band: dict[str, np.ndarray]  # its uncertainty by curve: the distance to the extrapolation from the level before
+    band: dict[str, np.ndarray]  # curve -> uncertainty: the distance to the extrapolation of the next coarser two runs
 
 
 def extrapolated(coarse: CarRun, fine: CarRun) -> dict[str, np.ndarray]:
-    """Curves without their error of order h^2; fine has half the step of coarse."""
+    """Curves of Richardson's extrapolation, without the error of order h^2; fine has half the step of coarse."""
     return {key: getattr(fine, key) + (getattr(fine, key) - getattr(coarse, key)) / 3.0 for key in CURVES}
 
 
 def converged(levels: Sequence[CarRun]) -> Converged:
-    """From at least three complete runs, each with half the step of the one before."""
+    """Converged limit of at least three complete runs, each with half the step of the one before."""
     best, before = extrapolated(levels[-2], levels[-1]), extrapolated(levels[-3], levels[-2])
     truth = levels[-1]._replace(name='converged', **best)  # type: ignore[arg-type]
     return Converged(truth, {key: np.abs(best[key] - before[key]) for key in CURVES})
 
 
 def departures(found: CarRun, truth: CarRun, until: float) -> dict[str, float]:
-    """Departures of a run from the truth over the time both have, at most until [s]: position [m, largest], yaw rate
-    [part of its peak, largest], tire forces [part of each one's peak, root mean square, the worst of twelve], the
-    lateral one in front left. Peaks are those until then. Not a number for a run that failed: its last values mean
-    nothing."""
+    """Departures of a run from `truth`, over the time that both have, at most `until` [s].
+
+    position: largest distance [m]. yaw_rate: largest difference, relative to the peak of the truth. tire_force: root
+    mean square of the difference of a force component of a wheel, relative to the peak of the same component; the worst
+    of the twelve. front_left_lateral: the same of the lateral force of that wheel. All are NaN for a run that failed,
+    whose last values mean nothing.
+    """
     if found.message:
         return dict.fromkeys(('position', 'yaw_rate', 'tire_force', 'front_left_lateral'), np.nan)
     last = round(until / GRID) + 1
@@ -116,8 +125,11 @@ def departures(found: CarRun, truth: CarRun, until: float) -> dict[str, float]:
 
 
 def orders(levels: Sequence[CarRun], until: float) -> list[dict[str, float]]:
-    """Observed order from each three successive levels: log2 of the ratio of the root mean squares of their differences; of the
-    tire forces the least of twelve."""
+    """Observed order of convergence from each three successive levels, over the time until [s].
+
+    The order is log2 of the ratio of the root mean squares of the two differences. That of the tire forces is the least
+    of the twelve components.
+    """
     n = round(until / GRID) + 1
 
     def order(key: str, a: CarRun, b: CarRun, c: CarRun) -> np.ndarray:
@@ -135,21 +147,22 @@ def orders(levels: Sequence[CarRun], until: float) -> list[dict[str, float]]:
 
 
 class Growth(NamedTuple):
-    """Causes and growth of a position error."""
+    """Growth and causes of a position error."""
 
-    power: float  # p of |error| ~ t^p
-    power_misfit: float  # root mean square of the logarithm
-    rate: float  # s of |error| ~ exp(s t) [1/s]
-    rate_misfit: float
-    heading_share: float  # part of the end's error that is the heading error times the way, the rest is velocity error integrated
-    rest: float  # what the two integrals leave unexplained, relative to the error
+    power: float  # p in |error| ~ t^p
+    power_misfit: float  # root mean square residual of log |error| in that fit
+    rate: float  # s in |error| ~ exp(s t) [1/s]
+    rate_misfit: float  # root mean square residual of log |error| in that fit
+    # share of the final error that comes from the heading error; the velocity error makes the others
+    heading_share: float
+    rest: float  # share of the final error that neither explains
 
 
 def growth(found: CarRun, truth: CarRun, start: float) -> Growth:
-    """Growth of the position error after start [s]: fits by least squares, and its two causes integrated over time.
+    """Growth of the position error after start [s]: fits of its envelope by least squares, and its two causes.
 
-    The place is the integral of R(heading) velocity, so its error is the integral of (heading error) R'(heading) velocity plus
-    R(heading) (velocity error), to first order.
+    The place is the integral over time of R(heading) velocity. To first order its error is the integral of
+    (heading error) R'(heading) velocity, plus the integral of R(heading) (velocity error).
     """
     n = len(found.t)
     t, error = truth.t[:n], found.place - truth.place[:n]

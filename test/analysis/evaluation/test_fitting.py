@@ -189,6 +189,7 @@ def test_the_amplitude_is_sought_on_the_friction_of_the_road(monkeypatch) -> Non
 def test_a_ramp_that_ends_while_the_car_answers_says_so(monkeypatch) -> None:
     """31 s at 13.5 deg/s: 418.5 deg, 12.6 m/s^2."""
     ramps = Ramps(monkeypatch, 20.0)
-    with pytest.raises(SpecError, match=r': 12\.[56] m/s\^2 at 41[89] deg, where the ramp of the steering wheel ended; give the steering'):
+    said = r': 12\.[56] m/s\^2 at 41[89] deg of the steering wheel, where the ramp ended; give the steering'
+    with pytest.raises(SpecError, match=said):
         ramps.driving._reaching(ramps.text, 15.0)
     assert ramps.seconds == [5.0, 8.0, 12.0, 20.0, 32.0]

@@ -98,4 +98,4 @@ def test_horizontal_accelerations_of_driving_are_told(name: str, push: float, to
     s = made(t, ax=0.3 * np.sin(9.0 * t), ay=0.0, az=9.81 + np.sin(9.0 * t))
     s.values[name] = s.values[name] + np.where(t > 6.0, push, 0.0)
     notes = ' '.join(ride.judge(s, ride.Ride()).notes)
-    assert ('the car accelerates, brakes or turns: below 0.5 Hz' in notes) is told
+    assert ('the car accelerates, brakes or turns: its horizontal acceleration below 0.5 Hz' in notes) is told
