@@ -72,8 +72,13 @@ def _type_of(value: tuple) -> RefType:
     structure = _structure(value)
     kind = _KNOWN.get(structure)
     if kind is None:
-        kind = _KNOWN[structure] = RefType(typeof(value), _inner(value))
+        kind = _KNOWN[structure] = RefType(_fields(value), _inner(value))
     return kind
+
+
+def _fields(value: Any) -> types.Type:
+    """numba's type of a value. Its own typeof() compares the class of every NamedTuple with all abstract base classes."""
+    return types.BaseTuple.from_types(tuple(map(_fields, value)), type(value)) if isinstance(value, tuple) else typeof(value)
 
 
 def _structure(value: Any) -> Any:
