@@ -1,8 +1,13 @@
 """A point Q of body j as body i sees it, and the tangents of a force at Q: shared by bushings and rods.
 
-Everything is along the axes of B_i. a = dtheta_i and b = R_i^T R_j dtheta_j are the rotation variations there and P = R_i^T (dp_j - dp_i);
-then the place of Q relative to B_i varies by P + e x a - rho x b. Columns of a tangent are dp (of j; of i the opposite), dtheta_i and
-dtheta_j; matrices are rows.
+Unless said otherwise, vectors are along the axes of B_i, the frame of body i. The state varies by dp_i, dp_j (places,
+along the axes of the world) and dtheta_i, dtheta_j (rotations, along the axes of the own body). Seen from B_i these are
+
+    P = R_i^T (dp_j - dp_i),    a = dtheta_i,    b = R_i^T R_j dtheta_j
+
+and the place of Q relative to B_i varies by P + e x a - rho x b (e, rho: see Relative). A tangent has three 3x3 parts:
+p over dp_j (over dp_i it is -p), a over dtheta_i, b over dtheta_j. Each is stored as a tuple of its rows
+(solver.compiled.rows).
 """
 
 from __future__ import annotations
@@ -19,17 +24,17 @@ Nine = tuple[float, float, float, float, float, float, float, float, float]  # a
 
 
 class Relative(NamedTuple):
-    """Place and motion of Q relative to body i, and what leads there."""
+    """Place and motion of the point Q of body j relative to body i, along the axes of B_i."""
 
-    R: Nine  # R_i
-    S: Nine  # R_i^T R_j
-    rho: Three  # Q from the centre of mass of j [m]
-    e: Three  # Q from the centre of mass of i [m]
+    R: Nine  # R_i, from B_i to the world
+    S: Nine  # R_i^T R_j, from B_j to B_i
+    rho: Three  # from the centre of mass of j to Q [m]
+    e: Three  # from the centre of mass of i to Q [m]
     w_i: Three  # angular velocity of i [rad/s]
-    s: Three  # and of j
-    sigma: Three  # s x rho: of Q from the motion of j's centre of mass [m/s]
-    y: Three  # v_Q - v_i [m/s]
-    d_dot: Three  # velocity of Q in B_i [m/s]
+    s: Three  # angular velocity of j [rad/s]
+    sigma: Three  # s x rho: velocity of Q relative to the centre of mass of j [m/s]
+    y: Three  # velocity of Q minus that of the centre of mass of i [m/s]
+    d_dot: Three  # velocity of Q relative to B_i, as an observer on body i sees it [m/s]
 
 
 @kernel(inline=True)
@@ -50,8 +55,11 @@ def relative_motion(table, n, kin):
 
 
 class Columns(NamedTuple):
-    """Changes of a force at Q, along the axes of B_i and (seen) along those of the world, which see the axes of B_i
-    turn."""
+    """Tangent of a force at Q: its parts p, a, b (see the module), for an observer on body i.
+
+    a_seen: the part a for an observer who does not turn with body i, in the world or on body j. b_seen: the part b for
+    an observer on body j. All five are written along the axes of B_i.
+    """
 
     p: tuple
     a: tuple
@@ -62,7 +70,8 @@ class Columns(NamedTuple):
 
 @kernel(inline=True)
 def by_place(at, force, C, D):
-    """Columns of a force that changes by D over the place of Q and by -C over its velocity, over places and rotations."""
+    """Tangent over places and rotations of a force that changes by D over the place of Q, and by -C over its
+    velocity."""
     S = rows(at.S)
     p = mul_rows(D, rows(transpose(at.R)))
     a = rows(msub(m_cross(D, at.e), m_cross(C, at.y)))
@@ -72,7 +81,7 @@ def by_place(at, force, C, D):
 
 @kernel(inline=True)
 def by_rate(at, C):
-    """Columns of the same force over velocities, with the opposite sign."""
+    """Tangent over velocities of the same force, with the opposite sign."""
     p = mul_rows(C, rows(transpose(at.R)))
     a = rows(m_cross(C, at.e))
     b = sub_rows(rows(mscale(0.0, at.S)), mul_rows(C, cross_rows(at.rho, rows(at.S))))
@@ -81,7 +90,11 @@ def by_rate(at, C):
 
 @kernel(inline=True)
 def add_by_place(slot, n, at, on, on_i, on_j, Kq):
-    """Accumulate the columns of a force and of its moments (p, a, b) on i, there the opposite of b, and on j."""
+    """Add the tangents over places and rotations of a force at Q to the matrix Kq.
+
+    on: tangent of the force on body j (by_place); body i gets the opposite force. on_i, on_j: tangents (p, a, b) of the
+    moments on i and on j, along the axes of that body; b of on_i has the opposite sign.
+    """
     s_ii, s_ij, s_ji, s_jj = slot[n, 0], slot[n, 1], slot[n, 2], slot[n, 3]
     zero = rows(mscale(0.0, at.S))
     p_W, a_W, b_W = mul_rows(at.R, on.p), mul_rows(at.R, on.a_seen), mul_rows(at.R, on.b)
@@ -97,7 +110,11 @@ def add_by_place(slot, n, at, on, on_i, on_j, Kq):
 
 @kernel(inline=True)
 def add_by_rate(slot, n, at, on, on_i, on_j, Kv):
-    """Accumulate the columns of by_rate, with their sign, and of the moments (p, a, b) on i, there with the opposite one, and on j."""
+    """Add the tangents over velocities of a force at Q to the matrix Kv.
+
+    on: negative tangent of the force on body j (by_rate); body i gets the opposite force. on_i: tangent (p, a, b) of
+    the moment on i, on_j: negative tangent of the moment on j, along the axes of that body.
+    """
     s_ii, s_ij, s_ji, s_jj = slot[n, 0], slot[n, 1], slot[n, 2], slot[n, 3]
     zero = rows(mscale(0.0, at.S))
     p_W, a_W, b_W = mul_rows(at.R, on.p), mul_rows(at.R, on.a), mul_rows(at.R, on.b)

@@ -1,14 +1,15 @@
 """Rod: a massless link between a bushing at a point P of body i and a ball joint at a point Q of body j.
 
-A link whose mass is carried by its ends becomes a force along the line from P to Q, from a law of its extension (the
-stiffness of its mountings), and the resistance of the bushing at P against its swing. With d = p_PQ seen from marker i,
-s = |d|, n = d/s and the rod's design direction along z of marker i:
+The rod pulls along the line from P to Q, by a law of its extension (the stiffness of its mountings). The bushing at P
+also resists the swing of the rod out of its design direction. With d = p_PQ seen from marker i, s = |d|, n = d/s and
+the design direction along z of marker i:
 
-    E(d)      = U(s - length) + (swing_y n_x^2 + swing_x n_y^2)/2
+    E(d)       = U(s - length) + (swing_y n_x^2 + swing_x n_y^2)/2          stored energy; U: integral of the law
     force on j = -dE/dd - damping n (n . d') - across (d' - n (n . d'))
 
-The second term of E is the energy of a torsional spring for small angles of swing (sin for the angle). The reaction on i acts at Q, so the
-bushing's moment on i is part of it. E depends on d alone, so the spin of the rod about itself is free, and costs nothing.
+The second term of E is a torsional spring for small angles of swing: n_x and n_y are the sines of these angles. The
+reaction on i acts at Q, not at P, so that it contains the moment of the bushing on i. E depends on d alone: the rod
+spins freely about its own line.
 """
 
 from __future__ import annotations
@@ -56,9 +57,9 @@ OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'length': 'm', 'rate': 'm/s', 'for
 class RodSpec(Spec):
     """Massless link from the origin of marker i to that of marker j; see the module for the force.
 
-    length: without force [m]. law: force [N] over extension [m], tension positive. damping: along the rod [N s/m]. swing: stiffness
-    against swing about x and about y of marker i, whose z axis is the design direction [N m/rad]. across: damping against motion across
-    the rod [N s/m].
+    length: free length [m]. law: force [N] over extension [m], tension positive. damping: along the rod [N s/m]. swing:
+    stiffness against swing about x and about y of marker i [N m/rad]; z of marker i is the design direction of the rod.
+    across: damping of motion across the rod [N s/m].
     """
 
     i: Marker
@@ -77,17 +78,17 @@ class RodSpec(Spec):
 
 
 class RodTable(NamedTuple):
-    """Columns of all rods; matrices are along the axes of body i."""
+    """Compiled data of n rods; matrices are along the axes of body i."""
 
-    body: np.ndarray  # (n, 2)
+    body: np.ndarray  # (n, 2) indices of the bodies i and j
     r_i: np.ndarray  # (n, 3) P from the centre of mass of i, in B_i [m]
     r_j: np.ndarray  # (n, 3) Q from the centre of mass of j, in B_j [m]
-    law: np.ndarray  # (n,)
-    length: np.ndarray  # (n,) [m]
+    law: np.ndarray  # (n,) index of the law
+    length: np.ndarray  # (n,) free length [m]
     damping: np.ndarray  # (n,) [N s/m]
     across: np.ndarray  # (n,) [N s/m]
-    S: np.ndarray  # (n, 3, 3) the quadratic form of the swing in the direction n [N m/rad]
-    slot: np.ndarray  # (n, 4) blocks ii ij ji jj
+    S: np.ndarray  # (n, 3, 3) the energy of the swing is n . S n / 2 [N m/rad]
+    slot: np.ndarray  # (n, 4) matrix blocks ii, ij, ji, jj
 
 
 def compile_rods(specs: Sequence[RodSpec], context: Context) -> RodTable:
@@ -110,7 +111,8 @@ def compile_rods(specs: Sequence[RodSpec], context: Context) -> RodTable:
 
 @kernel(inline=True)
 def _add_stiffness(table, n, at, force, C, D, Kq):
-    """Accumulate the tangents of the forces with respect to position and rotation; there are no moments but those of the force."""
+    """Accumulate the tangents of the forces with respect to position and rotation. All moments are those of the force
+    at Q."""
     c = by_place(at, force, C, D)
     back = transpose(at.S)
     p_i = sub_rows(cross_rows(force, rows(transpose(at.R))), cross_rows(at.e, c.p))

@@ -1,15 +1,14 @@
-"""An automatic gearbox: it chooses the gear by speed and pedal, and works the clutch, as a driver or a robot on a manual gearbox does.
+"""Automatic gearbox: chooses the gear by speed and accelerator, and works the clutch.
 
-The input gear is its lever: 0 neutral, below 0 the reverse gear, from 1 on it drives. Then it shifts up above the speed of `up` and down
-below that of `down`, both over the position of the accelerator, never twice within `duration`. It begins in the gear that it would have
-shifted up to at its speed and accelerator, and so it does where the lever comes out of neutral. During a shift the clutch is open for half
-of that time and closes over the other half, and the accelerator is taken back as far as the clutch is open. Below the speed `launch` in
-the first or the reverse gear the clutch is open without accelerator, and with it closed as far as
-
-    bite + (1 - bite) v / launch
-
-With launch = 0 a torque converter starts the car: the clutch stays closed. The lock-up clutch of that closes above the speed `lock_up`, and
-opens below 0.9 of it and in shifts.
+Lever. The input `gear` is the lever: 0 is neutral, below 0 the reverse gear, from 1 on the gearbox drives and chooses.
+Gear. It shifts up above the speed in `up` and down below the speed in `down`. Both speeds depend on the position of the
+accelerator. After a shift the next one waits for `duration`. At the start, and when the lever leaves neutral, the gear
+is the one to which the gearbox would have shifted up at that speed and accelerator. Shift. The clutch is open during
+the first half of `duration` and closes over the second half. The accelerator is released as far as the clutch is open.
+Launch. Below the speed `launch`, in the first or the reverse gear, the clutch is open without accelerator. With
+accelerator it is closed by the fraction bite + (1 - bite) v / launch at the speed v. Converter. With launch = 0 a
+torque converter starts the car, and the clutch stays closed. The lock-up clutch of the converter closes above the speed
+`lock_up` and opens below 0.9 `lock_up`. In a shift it opens together with the clutch.
 """
 
 from __future__ import annotations
@@ -23,17 +22,21 @@ from solver.dimensions import Speed, Time
 from solver.errors import SpecError
 from solver.validate import finite, require, require_positions, require_rising
 
-INPUTS = ('accelerator', 'clutch', 'gear')
-LOCK_UP = 'lock_up'
-DRIVES = 0.5  # from there on the lever lets it choose a forward gear
+INPUTS = ('accelerator', 'clutch', 'gear')  # inputs of a vehicle that the gearbox reads and changes
+LOCK_UP = 'lock_up'  # input of a vehicle whose torque converter has a lock-up clutch
+DRIVES = 0.5  # position of the lever from which on the gearbox drives forward; below -0.5 it is in reverse
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shifting:
-    """An automatic gearbox; see the module. pedals: positions of the accelerator (0 to 1), rising; up: for each shift, from that out of the
-    first gear on, the speeds at these above which it is made; down: those below which it is taken back, smaller [m/s]. duration of a shift
-    [s]; launch: speed up to which the clutch slips, 0 with a torque converter [m/s]; bite: how far it closes at rest (0 to 1). lock_up:
-    speed above which the lock-up clutch of a torque converter closes [m/s]; None: never."""
+    """An automatic gearbox; see the module for its rules.
+
+    pedals: positions of the accelerator (0 to 1), rising. up: a row for each shift, first to second gear first, with
+    the speed at each of `pedals` above which the gearbox shifts up [m/s]. down: rows likewise, with the speed below
+    which it shifts back [m/s]; smaller than in `up`. duration: of a shift [s]. launch: speed up to which the clutch
+    slips [m/s]; 0 with a torque converter. bite: fraction by which the clutch is closed at rest (0 to 1). lock_up:
+    speed above which the lock-up clutch of a torque converter closes [m/s]; None: never.
+    """
 
     pedals: tuple[float, ...]
     up: tuple[tuple[Speed, ...], ...]
@@ -49,11 +52,13 @@ class Shifting:
         require(len(self.up) >= 1, 'shift', 'up', self.up, 'needs at least one shift')
         require(len(self.down) == len(self.up), 'shift', 'down', len(self.down), f'must have one row for each of the {len(self.up)} shifts')
         for field, rows in (('up', self.up), ('down', self.down)):
+            remedy = f'must have {len(self.pedals)} speeds, one for each of `pedals`'
             for k, row in enumerate(rows):
-                require(len(row) == len(self.pedals), 'shift', f'{field}[{k}]', len(row), f'must have {len(self.pedals)} speeds, as pedals')
+                require(len(row) == len(self.pedals), 'shift', f'{field}[{k}]', len(row), remedy)
         for k, (high, low) in enumerate(zip(self.up, self.down, strict=True)):
             for m, (a, b) in enumerate(zip(high, low, strict=True)):
-                require(0.0 <= b < a, 'shift', f'down[{k}][{m}]', b, f'must be at least 0 and below {a:g}, where it shifts up')
+                remedy = f'must be at least 0 and below up[{k}][{m}] = {a:g}'
+                require(0.0 <= b < a, 'shift', f'down[{k}][{m}]', b, remedy)
         finite('shift', 'duration', self.duration, low=0.0, strict=True)
         finite('shift', 'launch', self.launch, low=0.0)
         if self.lock_up is not None:
@@ -62,10 +67,10 @@ class Shifting:
 
 
 class Shifter:
-    """The automatic gearbox of a simulation with inputs of these names, in steps of h [s].
+    """The automatic gearbox of one simulation, which has inputs of these names and steps of h [s].
 
-    state: (2,) gear, time since the last shift [s]; with a lock-up clutch (3,), 1 where that is closed; assign it to restore. Raises
-    SpecError for a model without the inputs.
+    state: (2,) gear, time since the last shift [s]; with a lock-up clutch (3,): 1 where it is closed. A state that is
+    assigned restores the gearbox. Raises SpecError for a model without the inputs.
     """
 
     def __init__(self, shifting: Shifting, input_names: Sequence[str], h: float) -> None:
@@ -81,15 +86,18 @@ class Shifter:
         self._in_gear(1)
 
     def _in_gear(self, gear: int) -> None:
+        """Set the state to a gear, with its last shift complete."""
         self.state = np.array([gear, self.shifting.duration, 0.0][: 2 if self._lock_up is None else 3])
 
     def start(self, row: np.ndarray, speed: float) -> None:
-        """Back to t = 0, in the gear of a speed along the car [m/s]; changes the inputs there, row (nu,), as act() does."""
+        """Begin at t = 0, in the gear that fits the speed along the car [m/s]; changes the inputs row (nu,) there, as
+        act() does."""
         self._in_gear(self._fitting(abs(speed), float(row[self._accelerator])) if float(row[self._gear]) >= DRIVES else 1)
         self.act(row, speed)
 
     def _fitting(self, speed: float, pedal: float) -> int:
-        """The gear that it would have shifted up to at a speed [m/s] and an accelerator."""
+        """Gear to which the gearbox would have shifted up at a speed [m/s] and a position of the accelerator (0 to
+        1)."""
         gear = 1
         for up in self.shifting.up:
             if speed <= np.interp(pedal, self.shifting.pedals, up):
@@ -98,15 +106,21 @@ class Shifter:
         return gear
 
     def begin(self, inputs: np.ndarray) -> None:
-        """Begin in the middle of a motion, in the gear that is in by inputs (nu,), as far as the gearbox shifts."""
+        """Begin in the middle of a motion, in the gear of the inputs (nu,), kept within the gears that the gearbox
+        has."""
         self._in_gear(min(max(round(float(inputs[self._gear])), 1), len(self.shifting.up) + 1))
 
     def act(self, row: np.ndarray, speed: float) -> None:
-        """Change the inputs of a step, row (nu,), at a speed along the car [m/s]; advances by that step."""
+        """Change accelerator, clutch, gear and lock-up in the inputs row (nu,) of a step; the gearbox moves on by that
+        step.
+
+        speed: along the car at the beginning of the step [m/s].
+        """
         box, lever, pedal = self.shifting, float(row[self._gear]), float(row[self._accelerator])
         gear, since = int(self.state[0]), float(self.state[1])
         v = abs(speed)
-        if lever < DRIVES:  # reverse has one gear; what neutral is left to is that of the speed
+        # there is one reverse gear; in neutral the gear follows the speed, for when the lever leaves it
+        if lever < DRIVES:
             gear, since = 1 if lever < -DRIVES else self._fitting(v, pedal), box.duration
         elif since >= box.duration:
             if gear <= len(box.up) and v > np.interp(pedal, box.pedals, box.up[gear - 1]):

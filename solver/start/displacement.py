@@ -1,8 +1,9 @@
-"""Moving a whole mechanism over the ground: to another place and heading, with its motion as it was in its own axes.
+"""Moving a whole mechanism over the ground to another place and heading, while it moves on as before in its own axes.
 
-On a road that is the same everywhere this is a symmetry of the equations: gravity and the road do not change under a turn about the
-vertical. Velocities and accelerations have their linear parts in the world (docs/conventions.md), so these turn along; internal states,
-joint coordinates and multipliers are measured in the parts themselves.
+On a flat road that is the same everywhere this is a symmetry of the equations: gravity and road do not change under a
+shift or a turn about the vertical. The linear parts of velocities and accelerations are vectors in the world
+(docs/conventions.md), so displace() turns them too. Angular velocities, internal states, joint coordinates and
+multipliers are relative to the bodies, and stay.
 """
 
 from __future__ import annotations
@@ -24,8 +25,10 @@ from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.model.state import State
 
-LEVEL = 1e-9  # sine of the slope of a plane, up to which it is level
-ON_THE_GROUND = {  # kinds of joints and contacts -> the sides that may be the world, where z of that marker is vertical
+LEVEL = 1e-9  # sine of the slope of a plane that counts as level; ten times as much: 0.01 m of height in 1000 km
+# Kind of joint or contact that may connect a mechanism to the world -> the sides (i, j) that may be the world, if z of
+# the marker there is vertical. Level ground makes such an element the same in every place and heading.
+ON_THE_GROUND = {
     'rolling': 'i',
     'knife_edge': 'i',
     'point_on_plane': 'i',
@@ -34,8 +37,10 @@ ON_THE_GROUND = {  # kinds of joints and contacts -> the sides that may be the w
 
 
 def sight(q: np.ndarray, v: np.ndarray, com: Sequence[float]) -> Sight:
-    """Motion that a driver sees: reference frame of a body with configuration q (7,), twist v (6,) and centre of mass
-    com (3,) in it [m]."""
+    """Place, heading and speed of the reference frame of a body, as a driver sees them.
+
+    q: configuration (7,). v: twist (6,). com: centre of mass in the reference frame (3,) [m].
+    """
     x, y, _, *quaternion = q.tolist()
     vx, vy, vz, _, wy, wz = v.tolist()
     cx, cy, cz = com
@@ -45,15 +50,14 @@ def sight(q: np.ndarray, v: np.ndarray, com: Sequence[float]) -> Sight:
 
 
 def require_uniform(road: RoadSpec) -> None:
-    """Raise SpecError for a road on which a vehicle cannot be moved: slopes, patches, maps and grids make every place another one."""
+    """Raise SpecError for a road that differs from place to place: a vehicle cannot be moved on it."""
     if road.grids or road.patches or road.maps or tuple(road.normal) != (0.0, 0.0, 1.0):
-        raise SpecError(
-            'a vehicle can be placed on a flat road only, that is the same everywhere; this one has a slope, patches, maps or grids'
-        )
+        raise SpecError('a vehicle can be placed on a flat road only; this one has a slope, patches, maps or grids')
 
 
 def require_near(x: float, y: float) -> None:
-    """Raise SpecError for a place [m] so far away that the lengths of the parts themselves are rounded there: no way leads back."""
+    """Raise SpecError for a place x, y [m] so far away that rounding of its coordinates would change the lengths of
+    parts."""
     if not (abs(x) <= FURTHEST and abs(y) <= FURTHEST):
         raise SpecError(
             f'x = {x:g} m, y = {y:g} m: a vehicle can be placed within {FURTHEST:g} m of the origin, where its parts keep their lengths'
@@ -61,22 +65,24 @@ def require_near(x: float, y: float) -> None:
 
 
 def require_free(model: ModelSpec) -> None:
-    """Raise SpecError for a model that hangs on the world: moved, it would be torn off. Also for a road like require_uniform().
+    """Raise SpecError for a model that is attached to a place of the world, or on a road that require_uniform()
+    refuses.
 
-    Elements that a level ground makes alike in every place and heading stay: contacts with it, planes and uprights. A
-    force in the axes of the world (`applied_forces`) has no place either, whatever its reaction acts on.
+    Elements of ON_THE_GROUND are no attachment, and neither is a force in the axes of the world (`applied_forces`),
+    which has no place.
     """
     require_uniform(model.road)
     for section, specs in model.sections().items():
         for spec in specs if section != 'bodies' else ():
-            if _hangs(spec):
+            if _attached(spec):
                 raise SpecError(
-                    f'the model cannot be placed elsewhere: it is connected to the world by {spec.where}; start the scene where it shall be'
+                    f'the model cannot be placed elsewhere: it is attached to the world by {spec.where}; '
+                    'give its place in the scene instead'
                 )
 
 
-def _hangs(spec: Spec) -> bool:
-    """True where an element connects a body to a place of the world, or to a direction of it other than the
+def _attached(spec: Spec) -> bool:
+    """True where an element connects a body to a place of the world, or to a direction of the world that is not
     vertical."""
     if isinstance(spec, GuideSpec):
         return WORLD in (spec.chassis, spec.left, spec.right)
@@ -92,7 +98,7 @@ def _hangs(spec: Spec) -> bool:
 
 
 def displace(state: State, now: Sight, then: tuple[float, float, float]) -> None:
-    """Move a state so that what is at `now` comes to `then` (x, y [m], heading [rad])."""
+    """Move a state in place, so that the frame that is at `now` comes to `then` (x [m], y [m], heading [rad])."""
     x, y, heading = then
     turn = heading - now.heading
     R = np.array([[math.cos(turn), -math.sin(turn), 0.0], [math.sin(turn), math.cos(turn), 0.0], [0.0, 0.0, 1.0]])

@@ -1,5 +1,8 @@
-"""Checks of a start: joints that the placement closes, elements that have a direction, velocities that were given; and
-the changes that the start made.
+"""Checks of a start, and a report of its changes.
+
+The refuse_...() functions raise ConsistencyError for a placement from which no run can begin: open joints, elements
+whose force has no direction, a vehicle on its roof. changes() says by how much the start moved bodies and changed
+velocities.
 """
 
 from __future__ import annotations
@@ -22,23 +25,27 @@ from solver.model.evaluate import evaluate_constraints, evaluate_forces
 from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
 
-OPEN = 1e-6  # m or rad, and relative of velocities: what numbers written with finitely many digits leave open
+# Residual [m or rad] of a joint that counts as closed, and change [m, rad, m/s, rad/s] that counts as none. Files have
+# numbers with finitely many digits, which leave less than that. Ten times as much would hide a visible misplacement.
+OPEN = 1e-6
 # Distance [m] of two points that count as one; ten times as much is still far below any length that is written.
 COINCIDING = 1e-12
-PARALLEL = ('fixed', 'prismatic')  # kinds of joints whose markers are parallel
-OPPOSED = 1e-9  # of 1 + the cosine between two axes: 3e-5 rad from opposite
-UNLOADED = 1e-3  # of the mean load of a wheel
+PARALLEL = ('fixed', 'prismatic')  # kinds of joints that keep the axes of their two markers parallel
+# 1 + the cosine between two axes that count as opposite: they are less than 3e-5 rad from it. Ten times as much: 1e-4
+# rad.
+OPPOSED = 1e-9
+UNLOADED = 1e-3  # load of a wheel that counts as none, relative to the mean load of all wheels
 
 
 @dataclass(frozen=True, kw_only=True)
 class Changes:
-    """Changes that a start made to the given placement and velocities: the largest ones and the bodies that have them
-    ('' where nothing was changed).
+    """Largest changes that a start made to the placement and the velocities that were given.
 
-    distance [m] and turn [rad] of the placement; velocity [m/s] of centres of mass and rate [rad/s] against the velocities given
-    (start.speed included). placed_by and set_by say what changed placement and velocities. corrected: the body whose own velocity,
-    one given in the file, was changed most, and correction by how much [m/s or rad/s]. obstacle: a kerb or step at the wheels, which the
-    tires touch at a point, as a sentence.
+    moved, distance: the body whose centre of mass moved most, and by how much [m]. turned, turn: the body that turned
+    most [rad]. placed_by: the cause of both. faster, velocity: the body whose centre of mass changed its velocity most
+    [m/s], start.speed included. spun, rate: the body whose angular velocity changed most [rad/s]. set_by: the cause of
+    both. corrected, correction: the body whose velocity in the file was changed most [m/s or rad/s]. obstacle: a
+    sentence about a kerb or a step at the wheels, or ''. A name is '' where nothing was changed.
     """
 
     kind: str
@@ -57,7 +64,7 @@ class Changes:
     obstacle: str = ''
 
     def report(self) -> dict[str, Any]:
-        """As an object for JSON."""
+        """The changes as an object for JSON."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -76,9 +83,10 @@ class Changes:
 
 
 def changes(model: Model, kind: str, placed: np.ndarray, given: np.ndarray, state: State, *, wanted: bool, speed: float) -> Changes:
-    """Compare a start with the placement (nb + 1, 7) and the velocities (nb + 1, 6) that were given. Changes below OPEN are none.
+    """Compare the state of a start with what was given.
 
-    wanted: whether rates of coordinates are wanted; speed: of the chassis [m/s].
+    kind: start.kind. placed: placement (nb + 1, 7). given: velocities (nb + 1, 6). wanted: whether the scene asks for
+    rates of coordinates. speed: of the chassis [m/s]. A change below OPEN counts as none.
     """
     names = model.body_names
     distance = norms(state.q[:-1, :3] - placed[:-1, :3])
@@ -104,22 +112,25 @@ def _said(value: float, unit: str, body: str) -> str:
 
 
 def _largest(names: list[str] | tuple[str, ...], values: np.ndarray, body: str, value: str) -> dict[str, Any]:
+    """{body: name of the body with the largest value, value: that value}, or {} if it is below OPEN."""
     worst = int(np.argmax(values))
     return {body: names[worst], value: float(values[worst])} if values[worst] > OPEN else {}
 
 
 def refuse_open_joints(model: Model, state: State, u: np.ndarray) -> None:
-    """Raise ConsistencyError with the constraint that a placement leaves open the most, if by more than OPEN."""
+    """Raise ConsistencyError if a constraint is open by more than OPEN; the sentence names the one that is open
+    most."""
     phi = _residuals(model, state, u)
     if not len(phi) or np.abs(phi).max() <= OPEN:
         return
     row = int(np.argmax(np.abs(phi)))
-    remedy = 'set start.kind: assemble, or correct the placement of its bodies or markers (start.kind: as_placed takes them as they are)'
+    remedy = 'set start.kind: assemble, or correct the placement of its bodies or markers (as_placed changes nothing)'
     raise ConsistencyError(f'start: {_described(model, phi, row)} as the bodies are placed; {remedy}')
 
 
 def _residuals(model: Model, state: State, u: np.ndarray) -> np.ndarray:
-    """(nc,) residuals of the constraints of positions; those of velocities are zero."""
+    """(nc,) residuals of all constraints [m or rad]; zero for a constraint of velocities, which no position can
+    violate."""
     t = model.tables
     phi, J = np.zeros(model.n_rows), np.zeros((model.n_entries + 1, 6, 6))
     evaluate_constraints(t, kinematics_of(state.q, np.zeros_like(state.v)), state.angle, u, False, phi, J)
@@ -127,7 +138,7 @@ def _residuals(model: Model, state: State, u: np.ndarray) -> np.ndarray:
 
 
 def _described(model: Model, phi: np.ndarray, row: int) -> str:
-    """'joint X is open by ...' for the constraint that has a row."""
+    """Words 'joint X is open by ...' about the joint or constraint to which a row of phi (nc,) belongs."""
     first = 0
     for joint in model.spec.joints:
         codes = KINDS[joint.kind]
@@ -144,7 +155,7 @@ def _described(model: Model, phi: np.ndarray, row: int) -> str:
 
 
 def refuse_flat_discs(model: Model, state: State) -> None:
-    """Raise ConsistencyError for a rolling disc that lies flat: it touches its plane all round, and nowhere it rolls on."""
+    """Raise ConsistencyError for a rolling disc that lies flat on its plane: it has no lowest point to roll on."""
     for contact in model.spec.contacts:
         axis, normal = (_axes(model, state, marker)[:, 2] for marker in (contact.j, contact.i))
         if contact.kind == 'rolling' and norm(np.cross(axis, normal)) < COINCIDING:
@@ -174,7 +185,8 @@ def refuse_links_without_length(model: Model, state: State) -> None:
 
 
 def refuse_turned_over(model: Model, state: State) -> None:
-    """Raise ConsistencyError for a joint that keeps two frames parallel and holds them half a turn apart: its rows are zero there too."""
+    """Raise ConsistencyError for a fixed or prismatic joint whose markers are half a turn apart: its residuals are zero
+    there too."""
     for joint in model.spec.joints:
         if joint.kind not in PARALLEL:
             continue
@@ -203,6 +215,7 @@ def _axes(model: Model, state: State, marker: Marker) -> np.ndarray:
 
 
 def _point(model: Model, state: State, marker: Marker) -> np.ndarray:
+    """(3,) origin of a marker in the world [m]."""
     if marker.body not in model.body_names:
         return np.array(marker.position)
     b = model.body_names.index(marker.body)
@@ -211,7 +224,10 @@ def _point(model: Model, state: State, marker: Marker) -> np.ndarray:
 
 
 def refuse_undirected(model: Model, state: State, u: np.ndarray) -> None:
-    """Raise ConsistencyError for an element without a direction: a spring with a force at length zero, opposed axes of a rotation."""
+    """Raise ConsistencyError for a spring with a force at length zero, and for a rotation whose two axes are opposite.
+
+    The force has no direction, and the angle no value.
+    """
     t = model.tables
     kin = kinematics_of(state.q, state.v)
     axes = t.coordinates
@@ -235,7 +251,7 @@ def refuse_undirected(model: Model, state: State, u: np.ndarray) -> None:
 
 
 def _outputs(model: Model, state: State, u: np.ndarray) -> np.ndarray:
-    """Outputs of all force elements."""
+    """Outputs of all force elements in a state under the inputs u (nu,)."""
     outputs = model.new_outputs()
     f, z = np.zeros((model.n_bodies + 1, 6)), np.zeros(model.n_internal)
     none = np.zeros((model.n_slots + 1, 6, 6))
@@ -244,13 +260,14 @@ def _outputs(model: Model, state: State, u: np.ndarray) -> np.ndarray:
 
 
 def refuse_unloaded_wheels(model: Model, state: State, u: np.ndarray) -> None:
-    """Raise ConsistencyError for a static equilibrium in which a wheel carries nothing."""
+    """Raise ConsistencyError for a static equilibrium in which a wheel carries no load."""
     if not model.spec.tires:
         return
     loads = model.outputs(TIRES.name, _outputs(model, state, u))[:, TIRES.column('fz')]
     free = [tire.name for tire, load in zip(model.spec.tires, loads, strict=True) if load < UNLOADED * loads.mean()]
     if free:
         raise ConsistencyError(
-            f'start: in the static equilibrium that was found nothing rests on {", ".join(free)}: the vehicle stands on its other wheels '
-            'only; place it nearer to its equilibrium, on a gentler slope, or with less or no brake_torque at t = 0'
+            f'start: the static equilibrium that was found leaves {", ".join(free)} without load: the vehicle '
+            'stands on its other wheels only; place it nearer to its equilibrium, on a gentler slope, or with less '
+            'or no brake_torque at t = 0'
         )

@@ -260,7 +260,7 @@ def test_what_names_say() -> None:
 
 
 def test_a_factor_that_cannot_be_found_is_said() -> None:
-    assert Fit(float('nan'), 0.0, 0.0).text == 'too little moves, or the factor is not constant'
+    assert Fit(float('nan'), 0.0, 0.0).text == 'too little motion, or the factor is not constant'
 
 
 def test_columns_of_another_clock_are_not_compared(capsys: pytest.CaptureFixture[str]) -> None:

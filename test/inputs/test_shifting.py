@@ -107,8 +107,8 @@ def test_it_goes_on_from_where_it_was() -> None:
     ('changed', 'sentence'),
     [
         ({'down': ((3.0, 9.0),)}, 'shift: down = 1: must have one row for each of the 2 shifts'),
-        ({'up': ((5.0,), (10.0, 30.0))}, r'shift: up\[0\] = 1: must have 2 speeds, as pedals'),
-        ({'down': ((3.0, 16.0), (7.0, 20.0))}, r'shift: down\[0\]\[1\] = 16.0: must be at least 0 and below 15'),
+        ({'up': ((5.0,), (10.0, 30.0))}, r'shift: up\[0\] = 1: must have 2 speeds, one for each of `pedals`'),
+        ({'down': ((3.0, 16.0), (7.0, 20.0))}, r'shift: down\[0\]\[1\] = 16.0: must be at least 0 and below up.*15'),
         ({'pedals': (1.0, 0.0)}, r'shift: pedals\[1\] = 0.0: must be greater'),
         ({'pedals': (0.0, 100.0)}, r'shift: pedals\[1\] = 100.0: must be in \[0, 1\]: a position of the pedal, not per cent'),
         ({'duration': 0.0}, 'shift: duration = 0.0'),

@@ -150,7 +150,7 @@ def test_so_is_one_whose_friction_is_mapped():
 )
 def test_what_is_connected_to_the_world_is_refused_and_stays(scene, by):
     sim, undisturbed = (solver.simulation_of(load_scene(scene)) for _ in range(2))
-    with pytest.raises(SpecError, match=f'it is connected to the world by {by}; start the scene where it shall be'):
+    with pytest.raises(SpecError, match=f'it is attached to the world by {by}; give its place in the scene instead'):
         sim.place(*THERE)
     assert not sim.displaced
     assert sim.advance(20).numbers.tobytes() == undisturbed.advance(20).numbers.tobytes()

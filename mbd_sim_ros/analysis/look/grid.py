@@ -1,4 +1,8 @@
-"""Columns of a recording on one even grid of time, smoothed alike, and the factor between two of them."""
+"""Columns of a recording on one even time grid, smoothed alike, and the constant factor between two columns.
+
+The first look (first.py) finds units and signs by such factors: between yaw rate and the derivative of yaw, say, the
+factor is 1 in SI units.
+"""
 
 from __future__ import annotations
 
@@ -12,20 +16,26 @@ import numpy as np
 from mbd_sim_ros.analysis.look.roles import Role
 from mbd_sim_ros.bags.reader import Run
 
-SMOOTH = 0.1  # s, standard deviation by which all columns are smoothed alike; ten times as much leaves no maneuver
-LAG = 0.5  # s, most by which one column may be later than the other
-GAP = 0.5  # s without a sample, across which nothing is compared
-MOST = 40_000  # instants of the grid
-LEAST = 100  # of them in a relation
-SAMPLES = 20  # of a column that is looked at
-SPREAD = 0.1  # of the ratio of two speeds, relative to it; slip and noise of what drives with its wheels stay below
-MOVING = 0.2  # part of the largest speed above which curvature is yaw rate over speed
+SMOOTH = 0.1  # standard deviation [s] of the Gaussian that smooths all columns; ten times as much leaves no maneuver
+LAG = 0.5  # largest delay [s] between two columns that is tried; ten times as much would match one curve with the next
+GAP = 0.5  # time [s] without a sample across which nothing is interpolated; ten times as much would bridge a maneuver
+MOST = 40_000  # instants of the grid at most
+LEAST = 100  # instants at least at which both columns have a value, for a factor between them
+SAMPLES = 20  # finite values at least of a column that is looked at
+# Spread of the ratio of two speeds, relative to the ratio, up to which it counts as constant. The slip of driven wheels
+# and noise stay below; ten times as much would accept any ratio.
+SPREAD = 0.1
+MOVING = 0.2  # speed, relative to the largest speed, from which on ratios of speeds are taken
 
 
 @dataclass
 class Column:
-    """Result of the first look at a column. unit, sign: None where the data do not tell. why: the evidence; against:
-    why it is not told, or what else does not hold."""
+    """A column of a recording, and what the first look found about it.
+
+    role: the quantity that its name proposes. unit, sign: those that the data confirm, else None. why: the evidence, in
+    sentences. against: the objections, in sentences. stated: the unit in the header of the file, '' where there is
+    none.
+    """
 
     name: str
     role: Role
@@ -42,8 +52,11 @@ class Column:
 
 
 class Fit(NamedTuple):
-    """y = factor * x + constant: the factor, the correlation, and by how much y is later [s]. spread: of the ratio y / x relative to it,
-    where the factor is that, and the correlation what is not spread."""
+    """The relation y = factor * x + constant between two signals.
+
+    correlation: of the two signals. lag: by how much y is later [s]. spread: None, or of a fit by ratio(): the spread
+    of the ratio y / x, relative to the ratio; `correlation` is then 1 - spread.
+    """
 
     factor: float
     correlation: float
@@ -52,17 +65,21 @@ class Fit(NamedTuple):
 
     @property
     def text(self) -> str:
-        """In words."""
+        """The relation in words."""
         late = f', {abs(self.lag):.2f} s {"later" if self.lag > 0 else "earlier"}' if abs(self.lag) >= 0.02 else ''
         if not math.isfinite(self.factor):
-            return 'too little moves, or the factor is not constant'
+            return 'too little motion, or the factor is not constant'
         if self.spread is not None:
             return f'factor {self.factor:.4g} within {100.0 * self.spread:.1g} %'
         return f'factor {self.factor:.3g}, correlation {abs(self.correlation):.3f}{late}'
 
 
 class Grid:
-    """The columns with a role on one even grid of time, smoothed alike; NaN where there are no samples."""
+    """Columns of a recording on one even time grid.
+
+    dt: time between two instants of the grid [s]. values: name -> (n,) values on the grid, NaN where the column has no
+    samples. wraps: name of a yaw angle -> unit in which it jumps by full turns, '' where it does not jump.
+    """
 
     def __init__(self, run: Run, columns: Sequence[Column]) -> None:
         home = {name: one for one in run.series.values() for name in one.columns}
@@ -96,12 +113,13 @@ class Grid:
         return name in self.values
 
     def changes(self, name: str) -> bool:
-        """True where a column has two values."""
+        """True where a column is not constant."""
         values = self.values[name][np.isfinite(self.values[name])]
         return values.size > 1 and bool(np.ptp(values) > 0.0)
 
     def smooth(self, values: np.ndarray, seconds: float = SMOOTH) -> np.ndarray:
-        """Values with a Gaussian of so many seconds over what is there."""
+        """Values (n,) smoothed by a Gaussian with a standard deviation in seconds; NaN values have no weight, and stay
+        NaN."""
         from scipy.ndimage import gaussian_filter1d
 
         there = np.isfinite(values)
@@ -111,16 +129,19 @@ class Grid:
         return np.where(there, result, np.nan)
 
     def of(self, name: str, seconds: float = SMOOTH) -> np.ndarray:
-        """A column, smoothed."""
+        """The column `name`, smoothed."""
         return self.smooth(self.values[name], seconds)
 
     def rate(self, values: np.ndarray) -> np.ndarray:
-        """Derivative of what is smooth."""
+        """Derivative over time [1/s] of smooth values (n,)."""
         return np.gradient(values, self.dt)
 
     def fit(self, x: np.ndarray, y: np.ndarray) -> Fit:
-        """The best factor between two signals over lags up to LAG. Both have noise: the factor is the geometric mean of the one of y by x
-        and the ratio of the standard deviations, which is too small by as much as the other is too large."""
+        """Relation of two signals (n,) at the lag, up to LAG, with the largest correlation.
+
+        Both signals have noise. The slope of the regression of y on x is too small, the ratio of the standard
+        deviations is too large by as much. The factor is their geometric mean.
+        """
         best = still = Fit(math.nan, 0.0, 0.0)
         most = round(LAG / self.dt)
         step = max(1, most // 25)
@@ -137,10 +158,12 @@ class Grid:
             if abs(c) > abs(best.correlation) + 1e-4:
                 best = Fit(math.copysign(math.sqrt(abs(c)), c) * sb / sa, c, lag * self.dt)
                 still = best if lag == 0 else still
-        return best if abs(best.lag) < LAG - 1.5 * step * self.dt else still  # at the last lag it only grows: no delay is found
+        # the largest correlation at the last lag is no maximum: there is no delay to be found
+        return best if abs(best.lag) < LAG - 1.5 * step * self.dt else still
 
     def ratio(self, x: np.ndarray, y: np.ndarray) -> Fit:
-        """The factor between two speeds, which are zero together: the median of y / x where x moves."""
+        """Relation of two speeds (n,), which are zero at the same time: the factor is the median of y / x where x is
+        large."""
         with np.errstate(invalid='ignore', divide='ignore'):
             parts = (y / x)[np.abs(x) > MOVING * np.nanmax(np.abs(x))]
         parts = parts[np.isfinite(parts)]
@@ -152,8 +175,11 @@ class Grid:
 
 
 def _of_one_clock(samples: dict[str, tuple[np.ndarray, np.ndarray]]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """The columns whose times meet: of two clocks, as of a simulation and of the day, those of the one that more columns have."""
-    groups: list[tuple[float, list[str]]] = []  # the end of each and its columns
+    """The samples of the columns whose times overlap.
+
+    A recording may have stamps of two clocks, simulation time and time of day; the clock with more columns is taken.
+    """
+    groups: list[tuple[float, list[str]]] = []  # of each clock: its last instant, its columns
     for name, (t, _) in sorted(samples.items(), key=lambda one: one[1][0][0]):
         if groups and t[0] <= groups[-1][0]:
             groups[-1] = max(groups[-1][0], t[-1]), [*groups[-1][1], name]
@@ -164,7 +190,8 @@ def _of_one_clock(samples: dict[str, tuple[np.ndarray, np.ndarray]]) -> dict[str
 
 
 def _unwrapped(values: np.ndarray) -> tuple[np.ndarray, str]:
-    """An angle without the jumps of full turns, and the unit that their size tells."""
+    """(the angle without its jumps by full turns, the unit 'rad' or 'deg' in which it jumps; '' where it does not
+    jump)."""
     jumps = np.abs(np.diff(values))
     for unit, turn in (('rad', 2.0 * math.pi), ('deg', 360.0)):
         large = jumps[jumps > 0.75 * turn]

@@ -1,4 +1,5 @@
-"""A first look as a mapping file with the evidence in comments, and as an object for JSON."""
+"""Output of `mbd compare --look`: the first look at a recording as a mapping file, with the evidence in comments, or as
+JSON."""
 
 from __future__ import annotations
 
@@ -12,12 +13,16 @@ from mbd_sim_ros.analysis.look.relations import TEXTS
 from mbd_sim_ros.analysis.runs import suspicion
 from mbd_sim_ros.bags.reader import Run
 
-WIDTH = 118  # characters of a line of comment
-MOST = 30  # names of columns without a quantity that are listed
+WIDTH = 118  # characters of a comment line at most
+MOST = 30  # columns without a quantity that are listed by name; the others are counted
 
 
 def as_data(found: Look, run: Run) -> dict[str, Any]:
-    """All of a look. `mapping` is what a mapping file holds; what is not told is listed under `unknown`."""
+    """A look as an object for JSON.
+
+    `mapping` is the content of a mapping file. `told` says of a column that its quantity, unit and sign are identified;
+    the other columns are listed under `unknown`.
+    """
     return {
         'status': 'ok',
         'mapping': {'channels': {ours: _source(c) for ours, c in found.mapping.items()}},
@@ -34,18 +39,19 @@ def as_data(found: Look, run: Run) -> dict[str, Any]:
 
 
 def as_yaml(found: Look, run: Run, place: str) -> str:
-    """A mapping file that says of every column why it is, or is not, in it."""
+    """A look as the text of a mapping file. Comments say of every column why it is in the mapping, or why it is not."""
     seconds = run.time_ns[-1] * 1e-9 - run.time_ns[0] * 1e-9
     lines = _comment(f'First look at {place}: {run.time_ns.size} instants in {seconds:.4g} s. A proposal: confirm every line of it.')
     for text in (*suspicion(run), *found.notes):
         lines += _comment(text)
     side = (
-        f'Left is positive after the signs below: {found.side}.'
+        f'With the signs below, left is positive: {found.side}.'
         if found.side
-        else 'The data do not tell which side is positive: left is assumed, and the signs fit each other; turn all if it is right.'
+        else 'The data do not show which side is positive. The signs below fit each other and assume left. '
+        'If right is positive, turn all of them.'
     )
     lines += _comment(side) if found.mapping else []
-    lines.append('channels:' if found.mapping else 'channels: {}  # nothing is told')
+    lines.append('channels:' if found.mapping else 'channels: {}  # no column was identified')
     for ours, c in found.mapping.items():
         source = ', '.join(f'{key}: {_quoted(value)}' for key, value in _source(c).items())
         lines.append(f'  {ours}: {{{source}}}')
@@ -53,8 +59,8 @@ def as_yaml(found: Look, run: Run, place: str) -> str:
     mapped = {c.name for c in found.mapping.values()}
     others = [c for c in found.columns if c.role.what and c.name not in mapped]
     for title, group in (
-        ('Told, but not needed, or without a channel of ours:', [c for c in others if c.told]),
-        ('Unknown, for it is not confirmed:', [c for c in others if not c.told]),
+        ('Identified, but not mapped (another column is taken, or no channel fits):', [c for c in others if c.told]),
+        ('Not identified (the data do not confirm what the name proposes):', [c for c in others if not c.told]),
     ):
         if group:
             lines += ['', f'# {title}']
@@ -64,23 +70,27 @@ def as_yaml(found: Look, run: Run, place: str) -> str:
     unnamed = [c.name for c in found.columns if not c.role.what]
     if unnamed:
         more = f' and {len(unnamed) - MOST} more' if len(unnamed) > MOST else ''
-        lines += ['', *_comment(f'Unknown, by their names none of the quantities that are looked for: {", ".join(unnamed[:MOST])}' + more)]
+        names = f'{", ".join(unnamed[:MOST])}{more}'
+        lines += ['', *_comment(f'Not looked at (no quantity has such a name): {names}')]
     for topic, why in run.left_out.items():
         lines += _comment(f'Not read: {topic}: {why}')
     return '\n'.join(lines)
 
 
 def _source(c: Column) -> dict[str, Any]:
+    """Entry of a column in a mapping file."""
     return {'channel': c.name, 'unit': c.unit, **({'sign': -1} if c.sign == -1 else {})}
 
 
 def _why(c: Column) -> list[str]:
+    """Sentences on why a column is identified, or is not."""
     if not c.role.what:
-        return ['its name is that of no quantity that is looked for']
+        return ['its name is not that of a quantity that is looked for']
     return [*c.why, *(() if c.told else c.against), *([f'its header says {c.stated}'] if c.stated and not c.unit else [])]
 
 
 def _quoted(value: Any) -> str:
+    """A value as YAML, in quotes where YAML would read it as something else."""
     text = str(value)
     return (
         text
@@ -90,7 +100,7 @@ def _quoted(value: Any) -> str:
 
 
 def _comment(text: str, indent: str = '') -> list[str]:
-    """A text as lines of comment."""
+    """A text as YAML comment lines of at most WIDTH characters."""
     import textwrap
 
     return textwrap.wrap(

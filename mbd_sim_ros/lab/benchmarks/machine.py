@@ -1,4 +1,4 @@
-"""Conditions of a benchmark besides the code: the machine, the versions, and who else was at work."""
+"""Conditions of a benchmark: the machine, versions of libraries and sources, and the load by other processes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from solver.disk import sources
 
 
 def fingerprint() -> dict[str, Any]:
-    """Processor, versions, code, and the load of the last minute (average number of running processes)."""
+    """Processor, versions, digest of the sources, load of the last minute (mean number of running processes),
+    clock_cost()."""
     from llvmlite import binding
 
     return {
@@ -54,7 +55,11 @@ def clock_cost(n: int = 2000) -> float:
 
 @contextmanager
 def on_one_core() -> Iterator[int]:
-    """The calling thread, and threads it starts, run on one core; gives its number. The affinity is restored afterwards."""
+    """Bind the calling thread, and the threads that it starts, to one core; gives the number of the core (-1: not
+    bound).
+
+    The affinity is restored afterwards.
+    """
     if not hasattr(os, 'sched_setaffinity'):  # not Linux
         yield -1
         return
@@ -69,7 +74,8 @@ def on_one_core() -> Iterator[int]:
 
 @contextmanager
 def on_all_cores() -> Iterator[None]:
-    """Inside on_one_core: the calling thread, and what it starts, may use every core for a while."""
+    """Inside on_one_core: let the calling thread, and the threads and processes that it starts, use every core
+    again."""
     if not hasattr(os, 'sched_setaffinity'):
         yield
         return
@@ -82,7 +88,7 @@ def on_all_cores() -> Iterator[None]:
 
 
 def core_ticks(core: int) -> list[float]:
-    """Clock ticks of a core: user, nice, system, idle, iowait, irq, softirq, steal; empty where /proc/stat does not tell."""
+    """Clock ticks of a core: user, nice, system, idle, iowait, irq, softirq, steal; empty without /proc/stat."""
     try:
         lines = Path('/proc/stat').read_text(encoding='utf-8').splitlines()
     except OSError:
@@ -91,7 +97,8 @@ def core_ticks(core: int) -> list[float]:
 
 
 def idlest_core(cores: Iterable[int], seconds: float = 0.3) -> int:
-    """The core that idles most over a moment; among equals the last, because interrupts and daemons prefer the first."""
+    """The core that is idle most during some seconds; of equal ones the last, because interrupts and daemons prefer the
+    first."""
 
     def idle() -> dict[int, float]:
         return {core: sum(core_ticks(core)[3:5]) for core in sorted(cores)}
@@ -103,14 +110,15 @@ def idlest_core(cores: Iterable[int], seconds: float = 0.3) -> int:
 
 
 class Watch:
-    """Watches what others take from the measuring thread and its core while it exists."""
+    """Measures, from its creation on, how much time other processes take from the calling thread and its core."""
 
     def __init__(self, core: int) -> None:
         self._core = core
         self._begin = self._now()
 
     def _now(self) -> tuple[float, float, float, float]:
-        """Nanoseconds on the core and waiting for it (this thread), ticks stolen and in all (the core); zeros where unknown."""
+        """(time this thread ran [ns], time it waited for a core [ns], stolen ticks of the core, all its ticks); 0 if
+        unknown."""
         ticks = core_ticks(self._core)
         try:
             ran, waited, _ = Path('/proc/thread-self/schedstat').read_text(encoding='utf-8').split()
@@ -119,6 +127,7 @@ class Watch:
         return float(ran), float(waited), ticks[7] if ticks else 0.0, sum(ticks)
 
     def read(self) -> dict[str, float]:
-        """Fractions since the start: `waited` of the thread's runnable time, `stolen` of the core's time by the hypervisor."""
+        """Fractions since the creation: `waited` of the runnable time of the thread, `stolen` by the hypervisor of the
+        core's time."""
         ran, waited, stolen, ticks = (b - a for a, b in zip(self._begin, self._now(), strict=True))
         return {'waited': waited / max(ran + waited, 1.0), 'stolen': stolen / max(ticks, 1.0)}
