@@ -1,16 +1,26 @@
-"""Messages of one topic as columns of numbers on their instants.
+"""The messages of one topic as a table: a row for each instant, a column for each named number.
 
-Columns: `joint_states/<joint>/position|velocity|effort`, `odom/pose/x|y|z|qx|qy|qz|qw`, `odom/twist/vx|...|wz`,
-`tire/<wheel>/force/fx|fy|fz|mx|my|mz`, `imu/ax|...|wz|qx|...`, and `<topic>/<name>` for topics of named scalars
-(JointState with positions only: `tire_states/<wheel>/kappa`, `cmd_applied/<input>`); those of `element_states/<kind>`
-are columns of one series, `element_states/<element>/<output>`, as in recordings that have them in one topic. Other
-types: named.py.
+The columns of our own topics are
 
-The messages of one topic of our recordings differ in their numbers only, so a block of them is one table of bytes and a
-column is a strided part of it. Messages of other types that are alike but for their numbers (a *variant*: one
-publisher, one set of names) are taken so; where strings change all the time, each is decoded for itself.
+    joint_states/<joint>/position|velocity|effort
+    odom/pose/x|y|z|qx|qy|qz|qw, odom/twist/vx|...|wz
+    tire/<wheel>/force/fx|fy|fz|mx|my|mz
+    imu/ax|...|wz|qx|...
+    <topic>/<name>                        of topics of named scalars, a JointState with positions only:
+                                          tire_states/<wheel>/kappa, cmd_applied/<input>
+    element_states/<element>/<output>     of all topics element_states/<kind> together
 
-Nothing vanishes here: an `Account` (accounts.py) says of every topic how many messages it had and what became of them.
+and those of other message types are in named.py.
+
+The messages of a topic of ours differ in their numbers only. So a block of messages is a table of bytes, and a column
+is a strided part of it: no message is decoded by itself. The same holds for messages of others that are alike but for
+their numbers. Such a set of messages is a *variant*: one publisher, one set of names. Only where texts change all the
+time is each message decoded by itself.
+
+Nothing is lost in silence: an `Account` (accounts.py) says how many messages a topic had and what became of them.
+
+The file is long because a Collector is one thing: all its steps, from the first message to the series, work on the same
+growing table.
 """
 
 from __future__ import annotations
@@ -29,22 +39,25 @@ from mbd_sim_ros.messages import cdr
 from mbd_sim_ros.messages.topics import JOINT_STATE
 from solver.errors import BagError
 
-BLOCK_BYTES = 1 << 19  # messages of a topic that are decoded at once: they stay in the cache of the processor
-VARIANTS_MOST = 32  # of a topic: publishers and frames; more are texts that change from message to message
-TABLE_MOST = (1 << 26, 256)  # bytes that are reserved for a table before its messages are there: so many, and per byte of them
-STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
-STAMP_KINDS = ('int32', 'uint32')
+BLOCK_BYTES = 1 << 19  # bytes of messages that are decoded at once: they stay in the cache of the processor
+VARIANTS_MOST = 32  # variants of a topic; with more of them its texts change from message to message
+# Memory [bytes] that is reserved for tables before their messages are read: a constant, and a factor on the size of the
+# file.
+TABLE_MOST = (1 << 26, 256)
+STAMP = ('header.stamp.sec', 'header.stamp.nanosec')  # fields of a time stamp
+STAMP_KINDS = ('int32', 'uint32')  # types that these fields may have
 
 
 @dataclass(frozen=True)
 class Series:
-    """One topic: its instants [ns] and float64 columns on them (SI units), under their full names."""
+    """Numbers of one topic: its instants [ns], and column name -> float64 values (SI units) at these instants."""
 
     time_ns: np.ndarray  # (n,) int64, ascending
     columns: dict[str, np.ndarray]  # (n,) each
 
     def on(self, time_ns: np.ndarray) -> dict[str, np.ndarray]:
-        """The columns on instants that its own are among, NaN elsewhere."""
+        """The columns at other instants time_ns (m,), which contain all instants of this series; NaN at the additional
+        ones."""
         if self.time_ns is time_ns or np.array_equal(self.time_ns, time_ns):
             return self.columns
         rows = np.searchsorted(time_ns, self.time_ns)
@@ -54,20 +67,21 @@ class Series:
         return result
 
     def joined(self, other: Series) -> Series:
-        """The columns of both on the instants of both, NaN where one has no message."""
+        """The columns of two series at the instants of both, NaN where one has no message."""
         same = np.array_equal(self.time_ns, other.time_ns)
         time_ns = self.time_ns if same else np.union1d(self.time_ns, other.time_ns)
         return Series(time_ns, self.on(time_ns) | other.on(time_ns))
 
 
 class Room:
-    """Memory that may be reserved for messages that are announced: what a file says of itself may be wrong. size: of the file [bytes]."""
+    """Memory that may still be reserved for announced messages: a damaged file may announce too many. size: of the file
+    [bytes]."""
 
     def __init__(self, size: int) -> None:
         self._left = TABLE_MOST[0] + TABLE_MOST[1] * size
 
     def take(self, rows: int, width: int) -> int:
-        """Number of the announced rows of so many bytes that are reserved: all or none."""
+        """Number of rows to reserve: `rows`, if that many rows of `width` bytes are left, else 0."""
         if rows * width > self._left:
             return 0
         self._left -= rows * width
@@ -75,30 +89,32 @@ class Room:
 
 
 class _Changing(BagError):
-    """The messages of a topic are not all alike."""
+    """The messages of a topic differ in more than their numbers."""
 
 
 class _Variant(NamedTuple):
-    """Messages that differ in their numbers only. columns: rows of the table that they fill, all of the set with this number."""
+    """Messages that differ in their numbers only."""
 
-    model: np.ndarray  # bytes of one
-    fixed: list[tuple[int, int]]  # parts in which they are all the same
-    places: dict[str, cdr.Place]
-    picks: list[tuple[str, slice | list[int], slice | list[int]]]  # field, which of its numbers, which rows of the table
-    names: int
+    model: np.ndarray  # bytes of one of them
+    fixed: list[tuple[int, int]]  # (first, behind the last) byte of each part that is the same in all of them
+    places: dict[str, cdr.Place]  # field path -> its bytes
+    # field path, indices of its numbers, their rows of the table
+    picks: list[tuple[str, slice | list[int], slice | list[int]]]
+    names: int  # number of their set of columns (Collector._sets)
 
     def of(self, table: np.ndarray) -> np.ndarray | None:
-        """(n,) which of these messages, rows of bytes, are of this variant; None: all of them."""
+        """(n,) True for the messages, rows of bytes in `table`, that are of this variant; None: all are."""
         if not any(np.any(table[:, a:b] != self.model[a:b]) for a, b in self.fixed):
             return None
         return np.all([np.all(table[:, a:b] == self.model[a:b], axis=1) for a, b in self.fixed], axis=0)
 
 
 class Collector:
-    """Takes the messages of one topic and keeps the columns that are wanted.
+    """Collects the messages of one topic and keeps the columns that are wanted.
 
-    wanted: tells of a full column name whether it is. asked: whether names that are not known yet may be wanted.
-    expected: how many messages will come, as the file says (0: not known).
+    topic: as published. name: as in column names. wanted: column name -> whether it is kept. asked: whether columns
+    that the first message does not have may be wanted. expected: number of messages by the summary of the file, 0 where
+    that is not known. problem: why the topic cannot be read, '' while it can.
     """
 
     def __init__(self, topic: str, name: str, schema: Schema, wanted: Callable[[str], bool], room: Room, asked: bool = True) -> None:
@@ -117,21 +133,21 @@ class Collector:
         self._data: list[bytes] = []
         self._bytes = 0
         self._count = 0
-        self._begun = self._complete = False  # _complete: no message has other names than the first one
-        self._channels: set[int] = set()  # those of several publishers lie in a chunk one after the other
+        self._begun = self._complete = False  # _complete: no later message can have other names than the first one
+        self._channels: set[int] = set()  # of several publishers; the messages of each lie together in a chunk
         self._variants: list[_Variant] = []
-        self._sets: dict[tuple[int, ...], int] = {}  # rows of the table that a message fills -> number of the set
-        self._sizes: dict[str, int] = {}  # of lists without names
-        self._plain: bool | None = None
-        self._in_words = False  # some numbers are texts
-        self._origin = cdr.BEHIND_IT  # byte of its messages from which alignment counts
-        self._certain = True  # that it is this one
-        self._table = np.empty((0, 0))
-        self._stamps = np.empty((4, 0), np.int64)
+        self._sets: dict[tuple[int, ...], int] = {}  # set of rows of the table that a message fills -> its number
+        self._sizes: dict[str, int] = {}  # list without names -> its size, which must stay the same
+        self._plain: bool | None = None  # see named()
+        self._in_words = False  # whether some numbers are written as text
+        self._origin = cdr.BEHIND_IT  # byte of a message from which the alignment of its fields counts
+        self._certain = True  # whether the origin is beyond doubt
+        self._table = np.empty((0, 0))  # (columns, messages)
+        self._stamps = np.empty((4, 0), np.int64)  # (times by each of CLOCKS, then the number of the set; messages)
 
     @property
     def idle(self) -> bool:
-        """True where no further message is of use."""
+        """True where further messages would change nothing."""
         return bool(self.problem) or (self._complete and not self.columns)
 
     @property
@@ -141,12 +157,12 @@ class Collector:
 
     @property
     def stamps(self) -> np.ndarray:
-        """(3, n) times of the messages by each clock [ns], negative where a message has none; nothing is taken behind."""
+        """(3, n) times [ns] of the messages by each of CLOCKS, negative where a message has none."""
         self._decode()
         return self._stamps[:NAMES, : self._count]
 
     def add(self, messages: Messages) -> None:
-        """Take some messages."""
+        """Take messages of one chunk."""
         if not self._begun:
             self._begun = True
             self._begin(messages.data[0])
@@ -160,13 +176,15 @@ class Collector:
             self._decode()
 
     def series(self, clock: Clock) -> tuple[Series, Account] | None:
-        """All that came, at the times of a clock; None where nothing did, or where time goes back: what came before and after would be
-        mixed."""
+        """(series, account) of all messages, at their times by a clock.
+
+        None where there is no message, and where the time goes back by much: two parts of the recording would be mixed.
+        """
         self._decode()
         if not self._certain and not self.problem:
             self.problem = (
-                'its messages are longer than its schema asks for; they fit if aligned from the start of the buffer, against CDR, but '
-                'may as well have zeros behind them'
+                'its messages are longer than its schema: it cannot be decided whether their fields are aligned from '
+                'the start of the buffer, against the CDR standard, or zeros follow their data'
             )
         if self.problem or not self._count:
             return None
@@ -181,8 +199,8 @@ class Collector:
             return None
         disordered = int(np.count_nonzero(latest > came))
         order = np.argsort(times, kind='stable') if disordered or mixed else np.arange(times.size)
-        last = np.diff(times[order], append=np.iinfo(np.int64).max) != 0  # of equal times
-        nearer = stamps[CLOCKS.index(clock) + 1 : NAMES]  # clocks that would tell messages apart which this one does not
+        last = np.diff(times[order], append=np.iinfo(np.int64).max) != 0  # the last message of those at one time
+        nearer = stamps[CLOCKS.index(clock) + 1 : NAMES]  # times by clocks that may differ where this clock does not
         if len(self._sets) > 1:
             found, table, equal, twice, carried = self._by_names(times[order], nearer[:, order], stamps[NAMES, order], table[:, order])
         else:
@@ -214,8 +232,11 @@ class Collector:
     def _by_names(
         self, times: np.ndarray, nearer: np.ndarray, sets: np.ndarray, table: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, int, int, dict[str, int]]:
-        """Messages in order of their times as rows of different instants: those, the table, how many messages are left out, how many of
-        them have the same values as what stays, and how many rows have each column."""
+        """Messages with different sets of columns, in order of their times, merged into one row for each instant.
+
+        Returns (instants, table, number of messages that another one at the same time replaces, number of these with
+        the same values as the one that stays, column -> number of rows that have it).
+        """
         found, row = np.unique(times, return_inverse=True)
         result = np.full((table.shape[0], found.size), np.nan)
         stamps = np.zeros((len(nearer), found.size), np.int64)
@@ -239,7 +260,7 @@ class Collector:
         return found, result, equal, twice, dict(zip(self.columns, filled.sum(axis=1).tolist()))
 
     def _begin(self, data: bytes) -> None:
-        """Learn from the first message what the columns are."""
+        """Find the columns in the first message."""
         try:
             value, places, self._origin = cdr.decode_first(self.type, self.schema, data)
             chosen = self._named(value, places)
@@ -256,8 +277,7 @@ class Collector:
         self._stamps = np.empty((4, rows), np.int64)
 
     def _named(self, value: dict[str, Any], places: dict[str, cdr.Place]) -> tuple[list[int], list[Pick], int]:
-        """(rows of the table that are wanted of a decoded message, the pick for each, number of this set of
-        columns)."""
+        """(rows of the table that a decoded message fills, the pick for each row, number of this set of columns)."""
         found = named(self.topic, self.type, value, places, self._plain)
         for shown, size in found.sizes.items():
             if self._sizes.setdefault(shown, size) != size:
@@ -277,7 +297,7 @@ class Collector:
         return rows, [pick for _, pick in wanted], self._sets.setdefault(tuple(sorted(rows)), len(self._sets))
 
     def _decode(self) -> None:
-        """Turn the messages at hand into rows of the table."""
+        """Put the messages that wait into the table."""
         data, begin, end = self._data, self._count, self._count + len(self._data)
         if not data or self.problem:
             return
@@ -305,7 +325,11 @@ class Collector:
         self._data, self._times, self._bytes = [], [], 0
 
     def _take(self, variant: _Variant, data: list[bytes], left: np.ndarray, begin: int) -> np.ndarray:
-        """Put those messages into the table, from row `begin` on, that are of a variant; the others are left."""
+        """Put the waiting messages of one variant into the table.
+
+        data: all waiting messages; the first one has the place `begin` in the table. left: indices of those that are
+        not in the table yet. Returns the indices of those that are of another variant.
+        """
         if not left.size:
             return left
         size = len(variant.model)
@@ -337,7 +361,7 @@ class Collector:
         return left[:0] if chosen.size == left.size else np.setdiff1d(left, chosen, assume_unique=True)
 
     def _one(self, data: bytes, row: int) -> None:
-        """Put one message into the table that is like no other."""
+        """Decode one message by itself and put it into the table, at the place `row` of the messages."""
         value, places = cdr.decode(self.type, self.schema, data, self._origin)
         rows, picks, number = self._named(value, places)
         self._room_for_names()
@@ -356,7 +380,7 @@ class Collector:
             self._stamps[HEADER, row] = sec * 1_000_000_000 + nanosec
 
     def _room_for_names(self) -> None:
-        """Rows of the table for names that are new."""
+        """Make the table as large as the present number of columns; new columns are NaN so far."""
         rows = self._table.shape[0]
         if len(self.columns) > rows:
             self._table = _wider(self._table, len(self.columns), self._table.shape[1], self._table.shape[1])
@@ -364,7 +388,7 @@ class Collector:
 
 
 def _variant(data: bytes, places: dict[str, cdr.Place], rows: list[int], picks: list[Pick], number: int) -> _Variant:
-    """The variant of which a message is. rows, picks, number: of Collector._named()."""
+    """The variant that a message stands for. rows, picks, number: from Collector._named()."""
     variable = np.zeros(len(data) + 1, bool)
     for place in places.values():
         variable[place.offset : place.offset + place.size * cdr.dtype(place).itemsize] = True
@@ -380,30 +404,31 @@ def _variant(data: bytes, places: dict[str, cdr.Place], rows: list[int], picks: 
 
 
 def _slice(numbers: list[int]) -> slice | list[int]:
-    """Numbers that follow each other as a slice, which is faster."""
+    """Indices as a slice where they follow each other, which is faster."""
     return slice(numbers[0], numbers[-1] + 1) if numbers == [*range(numbers[0], numbers[-1] + 1)] else numbers
 
 
 def _wider(table: np.ndarray, rows: int, capacity: int, filled: int) -> np.ndarray:
+    """A larger table (rows, capacity) with the first `filled` messages of this one."""
     result = np.empty((rows, capacity), table.dtype)
     result[: table.shape[0], :filled] = table[:, :filled]
     return result
 
 
 def _gather(table: np.ndarray, place: cdr.Place) -> np.ndarray:
-    """Return the numbers at `place` of all messages (rows of bytes), shape (n, count)."""
+    """(n, count) numbers of one field of n messages, the rows of bytes in `table`."""
     dtype = cdr.dtype(place)
     part = np.ascontiguousarray(table[:, place.offset : place.offset + place.size * dtype.itemsize])
     return part.view(dtype) if place.size else np.zeros((len(table), 0), dtype)
 
 
 def _has_list(value: Any) -> bool:
-    """True where a decoded message has a list of texts or of messages, whose names may be others in the next one."""
+    """True where a decoded message has a list of texts or of messages: the next one may have other names in it."""
     return isinstance(value, list) or (isinstance(value, dict) and any(map(_has_list, value.values())))
 
 
 def _number(value: Any, path: str) -> float:
-    """The number that a text in a decoded message is, NaN where it is none."""
+    """The text at a field path of a decoded message as a number, NaN where it is none."""
     for part in path.replace('[', '.').replace(']', '').split('.'):
         value = value[int(part)] if isinstance(value, list) else value[part]
     try:
@@ -413,7 +438,8 @@ def _number(value: Any, path: str) -> float:
 
 
 def _holes(table: np.ndarray, columns: dict[str, np.ndarray], carried: dict[str, int]) -> dict[str, int]:
-    """Column -> values that are no number, where there are some. carried: how many rows have it, where not all have."""
+    """Column -> number of values that are not finite, where there are some. carried: column -> rows that have it, if
+    not all."""
     with np.errstate(over='ignore', invalid='ignore'):
         if np.isfinite(np.add.reduce(table, axis=None)):
             return {}

@@ -1,11 +1,13 @@
-"""The records of an MCAP file, one after the other, and whether all of them are as they were written. Nothing is decoded here.
+"""Reader of the records of an MCAP file, one after the other, that also checks whether the file is whole.
 
-Whole is what ends with a footer and the magic, where every checksum that was written is right (of each chunk, of the data before
-`DataEnd`, of the summary) and where the statistics count as many messages and chunks as were found. Files of others may lack any of
-these; ours have all.
+Messages are not decoded here. A file is whole if it ends with a footer and the magic bytes, if every checksum in it is
+right (of each chunk, of the data before `DataEnd`, of the summary), and if its statistics count as many messages and
+chunks as were found. Files of other programs may lack checksums and statistics; ours have all of them.
 
-A file may be made to hurt its reader, so what it claims is bounded before anything is reserved for it: CHUNK_MOST bytes in a chunk,
-and in all no more bytes and messages than its size can hold even when the messages hardly differ.
+A file may be crafted to hurt its reader. So its claims are bounded before memory is reserved: CHUNK_MOST bytes in a
+chunk, and in the whole file no more bytes (INFLATED) and messages (MESSAGES) than a file of its size can hold.
+
+The file is long because a Reading is one pass: all kinds of records share its counters and checksums.
 """
 
 from __future__ import annotations
@@ -32,23 +34,27 @@ from solver import stored
 from solver.errors import BagError, SpecError
 
 MAGIC = b'\x89MCAP0\r\n'
-FOOTER, MESSAGE, CHUNK, ATTACHMENT, DATA_END = 2, 5, 6, 9, 15
-_ARRAYS_HEAD = 16 + 4 + 64 + 4 + len(ARRAYS) + 8  # bytes before the data of an attachment with arrays: times, hash, media type, length
-KINDS: dict[int, Any] = {3: Schema, 4: Channel, 11: Statistics, 12: Metadata}  # by opcode
-SIZES = {FOOTER: 20, DATA_END: 4, 14: 17}  # of records that are always of one size [bytes]
-LAST_OPCODE, FIRST_PRIVATE = 15, 128  # those between are none
-ZSTD = bytes.fromhex('28b52ffd')  # what a message begins with that ros2 bag has packed by itself (compression mode MESSAGE)
-CHUNK_MOST = 1 << 27  # bytes in a chunk
-INFLATED = (1 << 28, 2000)  # bytes in a file: so many, and so many for every byte on disk
-MESSAGES = (1_000_000, 0.5)  # messages in a file, likewise
-TIME_MOST = (1 << 63) - 1  # ns
-_OWN = threading.local()
-_HEAD = struct.Struct('<BQ')  # opcode, length
+FOOTER, MESSAGE, CHUNK, ATTACHMENT, DATA_END = 2, 5, 6, 9, 15  # opcodes of records (MCAP specification)
+# Bytes before the data of an attachment with arrays: times, hash, media type, length.
+_ARRAYS_HEAD = 16 + 4 + 64 + 4 + len(ARRAYS) + 8
+KINDS: dict[int, Any] = {3: Schema, 4: Channel, 11: Statistics, 12: Metadata}  # opcode -> record that is read
+SIZES = {FOOTER: 20, DATA_END: 4, 14: 17}  # opcode -> size [bytes] of a record that always has the same size
+# the opcodes between are not assigned; from FIRST_PRIVATE on they are free for users
+LAST_OPCODE, FIRST_PRIVATE = 15, 128
+# first bytes of a message that ros2 bag has compressed by itself (compression mode MESSAGE)
+ZSTD = bytes.fromhex('28b52ffd')
+CHUNK_MOST = 1 << 27  # bytes in a chunk at most: 128 MB; ten times as much would not fit into small computers
+INFLATED = (1 << 28, 2000)  # unpacked bytes in a file at most: a constant, and a factor on its bytes on disk
+MESSAGES = (1_000_000, 0.5)  # messages in a file at most: a constant, and a factor on its bytes on disk
+TIME_MOST = (1 << 63) - 1  # latest time [ns]
+_OWN = threading.local()  # decompressor of each thread
+_HEAD = struct.Struct('<BQ')  # of a record: opcode, length
 _CHUNK = struct.Struct('<QQQII')  # first and last log time, size, checksum, length of the name of the compression
 _MESSAGE = struct.Struct('<BQHI16s')  # opcode, length, channel, sequence, log time and publish time
 _INDEX = struct.Struct('<HI')  # channel, length of its entries
-_FOOTER = struct.Struct('<QQI')  # begin of the summary, of its offsets, checksum
-_TAIL = struct.Struct('<BQQQI8s')  # the footer (opcode, length, begin of the summary, of its offsets, checksum) and the magic
+_FOOTER = struct.Struct('<QQI')  # begin of the summary, begin of the summary offsets, checksum
+_TAIL = struct.Struct('<BQQQI8s')  # opcode and length of the footer, the footer, the magic
+# Errors that damaged bytes can raise while they are read.
 _BROKEN = (McapError, ValueError, IndexError, KeyError, struct.error, EOFError, MemoryError, OverflowError)
 
 
@@ -66,7 +72,8 @@ class Messages(NamedTuple):
 
 
 def instants(times: Sequence[bytes]) -> np.ndarray:
-    """(n, 2) log times and publish times [ns] of messages. The latter may be beyond what 63 bits hold, and are negative then."""
+    """(n, 2) log times and publish times [ns] of messages. A publish time beyond 63 bits appears as a negative
+    number."""
     return np.frombuffer(b''.join(times), '<i8').reshape(-1, 2)
 
 
@@ -74,15 +81,17 @@ Record = Messages | Schema | Channel | Metadata
 
 
 class Reading:
-    """One pass over a file: iterated once, it gives the records that matter here and the messages of every complete chunk.
+    """One pass over a file. It is iterated once, and gives schemas, channels, metadata, and the messages of every whole
+    chunk.
 
-    skip: channels whose messages are passed over; it may grow while the file is read. channels: those that the file is said to have
-    (message_counts); when all are declared, chunks are not unpacked that by their indexes hold nothing but what is passed over. onwards: go
-    on behind a damaged record, to save what there is; otherwise the first damage ends the pass. called: the name of
-    the file in sentences, where it is an unpacked copy.
-    Afterwards `damage` says what is wrong with the file (empty: it is whole), `lost` how many messages are known to be
-    missing, and `counts` how many each channel has, also of those that were passed over.
-    Iterating raises BagError if the file is not MCAP or cannot be opened.
+    skip: channels whose messages are passed over; it may grow while the file is read. channels: all channels of the
+    file by its summary (message_counts). Once all of them are declared, a chunk is not unpacked if its indexes list
+    channels of `skip` only. onwards: go on behind a damaged record, to save the rest; otherwise the first damage ends
+    the pass. called: name of the file in sentences, where `path` is an unpacked copy of it.
+
+    Afterwards `damage` has a sentence for each fault of the file (none: it is whole), `lost` is the number of messages
+    that are known to be missing, and `counts` the number of messages of each channel, skipped ones included. Iterating
+    raises BagError if the file is not MCAP or cannot be opened.
     """
 
     def __init__(
@@ -92,26 +101,27 @@ class Reading:
         self.damage: list[str] = []
         self.attachments: list[str] = []  # hashes of the arrays that came by
         self.lost = 0
-        self._tallies: Counter[tuple[tuple[int, int], ...]] = Counter()  # messages of each channel in a chunk, of all chunks
+        # ((channel, its messages), ...) in a chunk -> chunks
+        self._tallies: Counter[tuple[tuple[int, int], ...]] = Counter()
         self._skip, self._onwards = skip, onwards
         self._layouts = Layouts()
         self._undeclared = set(channels)
         self._may_skip = bool(channels)
         self._chunks = self._messages = self._inflated = self._at = 0
         self._counted = self._checked = False
-        self._chunk_read: tuple[int, bytes] | None = None  # begin and body of a chunk that waits for what its indexes say
-        self._indexed: dict[int, int] = {}  # messages of every channel in it
-        self._private = -1  # where a record of a kind of somebody's own begins
+        self._chunk_read: tuple[int, bytes] | None = None  # (begin, body) of a chunk whose indexes are not read yet
+        self._indexed: dict[int, int] = {}  # channel -> its messages in that chunk, by the indexes
+        self._private = -1  # first byte of the last record with a private opcode, -1: there is none
 
     def require_whole(self) -> None:
-        """Raise BagError if the file is not as it was written."""
+        """Raise BagError if the file is not whole."""
         if self.damage:
             path = self.path
             raise BagError(f'{path} is cut off or damaged ({self.damage[0]}); `mbd recover {path} NEW` saves every complete chunk')
 
     @property
     def counts(self) -> Counter[int]:
-        """Channel -> messages that were found."""
+        """Channel -> number of messages that were found."""
         found: Counter[int] = Counter()
         for counts, chunks in self._tallies.items():
             for channel, count in counts:
@@ -154,7 +164,7 @@ class Reading:
                 self.damage.append(f'its end is missing behind byte {begin}')
                 return
             if length != SIZES.get(opcode, length) or opcode == 0 or LAST_OPCODE < opcode < FIRST_PRIVATE:
-                self.damage.append(f'the record at byte {begin} is of no kind there is')
+                self.damage.append(f'the record at byte {begin} has a type or a size that MCAP does not know')
                 source.skip(length)
                 continue
             if opcode == FOOTER:
@@ -183,7 +193,7 @@ class Reading:
                 self._checked = told != 0
                 if self._checked and told != checksum:
                     self.damage.append('the checksum of its data is wrong')
-                source.begin()  # what is summed from here on is the summary
+                source.begin()  # from here on the checksum is that of the summary
                 continue
             body = source.take(length)
             try:
@@ -192,7 +202,7 @@ class Reading:
                 self._cannot_read('record', begin, error)
 
     def _attachment(self, source: ChecksummedStream, length: int, begin: int) -> None:
-        """Put arrays of a scene where its text finds them, unless they are there already."""
+        """Read an attachment: arrays of a scene are stored where the text of the scene finds them (solver.stored)."""
         head = source.take(min(length, _ARRAYS_HEAD))
         body = b''
         try:
@@ -212,8 +222,10 @@ class Reading:
         self.damage.append(f'the {what} at byte {begin} cannot be read{why}')
 
     def _waiting_chunk(self) -> Iterator[Record]:
-        """The records in the chunk read last, now that its indexes are known. The checksum of the data of one that is
-        not unpacked tells if it is as it was written.
+        """Records in the chunk that was read last, now that its indexes are known; nothing if all its messages are
+        skipped.
+
+        The checksum of the data (`DataEnd`) also covers a chunk that is not unpacked.
         """
         if self._chunk_read is None:
             return
@@ -245,7 +257,8 @@ class Reading:
             yield record
 
     def _require_format(self, about: Mapping[str, str]) -> None:
-        """Raise BagError for a recording of a later version, whose numbers might mean something else. One without a format is older."""
+        """Raise BagError for a format of a later version, whose numbers might mean something else. Without one it is
+        format 1."""
         text = about.get('format', '1')
         if not (text.isascii() and text.isdigit() and len(text) < 10):
             raise BagError(f'{self.path} is damaged: its metadata say format = {text[:40]!r}, which is not a whole number')
@@ -257,7 +270,7 @@ class Reading:
             )
 
     def _chunk(self, body: bytes) -> bytes:
-        """The records in a chunk. Raises what says that it is damaged."""
+        """Unpacked bytes of the records in a chunk. Raises one of _BROKEN if the chunk is damaged."""
         _, _, inflated, checksum, n = _CHUNK.unpack_from(body)
         compression = body[_CHUNK.size : _CHUNK.size + n].decode()
         (length,) = struct.unpack_from('<Q', body, _CHUNK.size + n)
@@ -271,7 +284,7 @@ class Reading:
         return content
 
     def _inside(self, body: bytes) -> Iterator[Record]:
-        """Yield the records of a decompressed chunk, its messages gathered by channel."""
+        """Records of an unpacked chunk; its messages are gathered by channel."""
         most = int(MESSAGES[0] + MESSAGES[1] * self._at) - self._messages
         layout = self._layouts.find(len(body), self._skip)
         alike = layout.messages(body) if layout is not None and len(layout.heads) <= most else None
@@ -299,8 +312,12 @@ class Reading:
             yield one
 
     def _one_by_one(self, body: bytes, most: int) -> tuple[tuple[tuple[int, int], ...], list[Record], list[Messages]]:
-        """(numbers of messages of every channel in a chunk, its other records, messages that are not passed over). The
-        loop runs once per message. Raises on a damaged chunk."""
+        """(channel and number of its messages, ...), other records, and messages that are not skipped, of an unpacked
+        chunk.
+
+        The loop runs once for each message. most: messages that the file may still have. Raises one of _BROKEN if the
+        chunk is damaged.
+        """
         at, end = 0, len(body) - _HEAD.size
         head, whole = _HEAD.size, _MESSAGE.size
         least = whole - head
@@ -340,7 +357,7 @@ class Reading:
         return tuple(passed.items()), others, [Messages(channel, *one) for channel, one in found.items()]
 
     def _compare(self, told: Statistics) -> None:
-        """Hold what was found against the statistics."""
+        """Compare the numbers of messages and chunks that were found with the statistics in the file."""
         self._counted = True
         if (told.message_count, told.chunk_count) != (self._messages, self._chunks):
             self.lost = max(0, told.message_count - self._messages)
@@ -348,7 +365,7 @@ class Reading:
             self.damage.insert(0, f'{says}, and {self._messages} in {self._chunks} were found')
 
     def _end(self, source: ChecksummedStream, size: int, head: bytes) -> None:
-        """The footer: the last record, before the magic."""
+        """Read the footer, the last record before the magic, and check the end of the file."""
         checksum = source.checksum(_HEAD.size)
         body = source.take(_FOOTER.size)
         begin, _, told = _FOOTER.unpack(body)
@@ -359,15 +376,15 @@ class Reading:
         elif self._checked and begin and not told:
             self.damage.append('the checksum of its summary is missing')
         elif self._private >= 0 and not (self._counted or self._checked):  # a chunk whose opcode is damaged looks like it
-            self.damage.append(f'the record at byte {self._private} is of no kind that is known, and nothing tells that it may be left out')
+            self.damage.append(f'the record at byte {self._private} has an unknown type: it may be a damaged chunk')
 
 
 class _Crafted(ValueError):
-    """More is claimed than a recording holds."""
+    """A file claims more than it can hold; the message says what."""
 
 
 def unpacked(data: bytes) -> bytes:
-    """A message that ros2 bag has packed by itself. Raises ValueError."""
+    """A message that ros2 bag has compressed by itself, decompressed. Raises ValueError."""
     import zstandard
 
     try:
@@ -375,12 +392,13 @@ def unpacked(data: bytes) -> bytes:
     except zstandard.ZstdError as error:
         raise ValueError('not readable as zstd') from error
     if size > CHUNK_MOST:
-        raise _Crafted(f'a message of it claims to hold {size} bytes')
+        raise _Crafted(f'a message in it claims to hold {size} bytes')
     return _inflate('zstd', data, size)
 
 
 def _inflate(compression: str, data: bytes, size: int) -> bytes:
-    """Decompress; never more than size + 1 bytes. Raises ValueError when it is damaged, or packed in a way that is not known here."""
+    """Decompressed data, never more than size + 1 bytes. Raises ValueError for damaged data and for an unknown
+    compression."""
     try:
         if compression == '':
             return data
@@ -400,7 +418,7 @@ def _inflate(compression: str, data: bytes, size: int) -> bytes:
 
 
 def _decompressor() -> Any:
-    """Decompressor of zstandard, one for each thread: a file has many chunks."""
+    """Decompressor of zstandard of this thread, made once: a file has many chunks."""
     if not hasattr(_OWN, 'zstd'):
         import zstandard
 
@@ -409,8 +427,8 @@ def _decompressor() -> Any:
 
 
 def message_counts(path: Path) -> dict[int, int]:
-    """Number of messages of each channel, by the summary at the end of the file; empty where there is none. A hint: it
-    may be wrong."""
+    """Channel -> number of its messages, by the summary at the end of the file; empty without a summary. It may be
+    wrong."""
     with path.open('rb') as stream:
         size = os.fstat(stream.fileno()).st_size
         stream.seek(max(0, size - _TAIL.size))
@@ -436,7 +454,8 @@ def message_counts(path: Path) -> dict[int, int]:
 
 
 def _arrays(head: bytes) -> tuple[str, str, int]:
-    """Name, media type and length of the data of an attachment; of one with another head than ours, whatever stands there."""
+    """(name, media type, length of the data) of an attachment of ours; of one of another program the texts make no
+    sense."""
     if len(head) < _ARRAYS_HEAD:
         return '', '', 0
     media = head[16 + 4 + 64 + 4 : -8].decode('latin-1')

@@ -54,7 +54,7 @@ class Settings(argparse.Action):
     refused, since the part would be lost."""
 
     def __call__(self, parser: Any, namespace: argparse.Namespace, value: Any, option_string: str | None = None) -> None:
-        from solver.files.yaml_tree import overtaken
+        from solver.files.overrides import overtaken
 
         given = [*getattr(namespace, self.dest), value]
         lost = overtaken(given)

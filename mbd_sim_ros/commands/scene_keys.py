@@ -27,8 +27,8 @@ def overrides_of(args: argparse.Namespace) -> list[str]:
     """
     from solver.errors import SpecError
     from solver.files.naming import included
+    from solver.files.overrides import keys_of
     from solver.files.scene import find_file
-    from solver.files.yaml_tree import keys_of
 
     given = {key: value for key in KEYS if (value := getattr(args, key, None)) is not None}
     for override in args.overrides:

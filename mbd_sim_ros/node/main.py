@@ -42,7 +42,7 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
     from solver import simulation_of
     from solver.engine.stepping import KINDS
     from solver.errors import SpecError
-    from solver.files.yaml_tree import overtaken
+    from solver.files.overrides import overtaken
 
     if (lost := overtaken(overrides)) is not None:
         raise SpecError(

@@ -22,8 +22,8 @@ from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import ERROR, report, status_of
 from solver.disk import Store, digest, sources
 from solver.errors import BagError, MbdError
+from solver.files.overrides import keys_of
 from solver.files.scene import load_scene_text
-from solver.files.yaml_tree import keys_of
 from solver.findings import Finding
 from solver.levels.auto import beside_text
 from solver.quantities import Quantity, lengths, quantity

@@ -25,9 +25,10 @@ import numpy as np
 
 from solver.errors import SceneError, SpecError
 from solver.files.naming import find, names_file
+from solver.files.overrides import keys_of, overtaken
 from solver.files.scene import config_directories, find_file
 from solver.files.schema import Builder
-from solver.files.yaml_tree import MappingNode, Node, SequenceNode, bare, displayed, include, keys_of, overtaken, parse, read_text
+from solver.files.yaml_tree import MappingNode, Node, SequenceNode, bare, displayed, include, parse, read_text
 from solver.output.snapshot import Channels
 from solver.quantities import quantity
 from solver.validate import finite, require

@@ -18,9 +18,10 @@ from solver.errors import SceneError, SpecError, suggestion
 from solver.files import requirements
 from solver.files.mechanism import MechanismReader
 from solver.files.naming import names_file
+from solver.files.overrides import override
 from solver.files.schema import Builder, Fields
 from solver.files.vehicle import TEMPLATES, build_vehicle
-from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, override, parse, read, text_of, where
+from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, parse, read, text_of, where
 from solver.inputs.actuation import Actuation
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import signal

@@ -1,16 +1,13 @@
-"""YAML text as a tree of nodes that know their file and line: includes, overrides and the way back to text.
+"""YAML text as a tree of nodes that know their file and line, with every include in place; and a tree as text again.
 
-A node is one of PyYAML's (mapping, sequence or scalar). No scalar is interpreted here; solver.files.schema does that by
-type. The size of a file is bounded (see Extent): a short text with aliases or includes can stand for more than any
-memory holds.
+A node is one of PyYAML's (mapping, sequence or scalar). No scalar is interpreted here: solver.files.schema does that by
+type. solver.files.overrides changes a tree. The size of a file is bounded (see Extent): a short text with aliases or
+includes can stand for more than any memory holds.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import difflib
-import itertools
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -25,19 +22,20 @@ from solver.files.naming import READERS, find, listing, names_file, one_folder_d
 from solver.files.tir import Given, read_tir
 from solver.units import SUFFIXES
 
+# The tags that a value may have.
 TAGS = tuple(f'tag:yaml.org,2002:{kind}' for kind in ('map', 'seq', 'str', 'int', 'float', 'bool', 'null', 'timestamp', 'merge', 'value'))
 MERGE = 'tag:yaml.org,2002:merge'  # the key <<
-MOST_CHARACTERS = 1 << 20  # of all files together: about five seconds of reading
-MOST_KEPT = 1 << 16  # characters of a text whose nodes are kept
-MOST_VALUES = 100_000  # with every alias and include expanded
-MOST_FILES = 1000
-MOST_DEPTH = 64  # of values in each other
-MOST_INCLUDED = 16  # files in each other
-SHOWN = 60  # characters of a value in an error sentence
+MOST_CHARACTERS = 1 << 20  # characters of a file and all its includes together: about five seconds of reading
+MOST_KEPT = 1 << 16  # characters of a text whose nodes are kept in memory, for the next scene that includes it
+MOST_VALUES = 100_000  # values in a file, with every alias and include expanded
+MOST_FILES = 1000  # files that one file includes, counted as often as they are included
+MOST_DEPTH = 64  # depth of nested values; ten times as much ends in Python's RecursionError
+MOST_INCLUDED = 16  # depth of files that include each other
+SHOWN = 60  # characters of a value that an error sentence shows
 
 
 class AddedMapping(MappingNode):
-    """A mapping that an override has added. near: a name beside it that may have been meant, or ''."""
+    """A mapping that an override has added. near: a key beside it that may have been meant, or ''."""
 
     near = ''
 
@@ -49,7 +47,7 @@ def where(node: Node) -> str:
 
 
 def shown(node: Node) -> str:
-    """A short rendering of a node's value for error sentences."""
+    """The value of a node for error sentences, in one line of at most SHOWN characters."""
     text = _short(_flow(node))
     if len(text) > SHOWN and isinstance(node, MappingNode):
         text = '{' + _short(f'{_short(_flow(key))}: ..., ' for key, _ in node.value).removesuffix(', ') + '}'
@@ -57,7 +55,8 @@ def shown(node: Node) -> str:
 
 
 def _short(pieces: Iterable[str]) -> str:
-    """The pieces together, as far as they are shown: a value may be endless through an alias."""
+    """The first pieces, joined, until they have more than SHOWN characters: through an alias the pieces may be
+    endless."""
     text = ''
     for piece in pieces:
         text += piece
@@ -67,7 +66,7 @@ def _short(pieces: Iterable[str]) -> str:
 
 
 def _flow(node: Node) -> Iterator[str]:
-    """A value in one line, piece by piece."""
+    """Pieces of the text of a value in one line."""
     if isinstance(node, ScalarNode):
         yield node.value if node.style is None else repr(node.value[: SHOWN + 1])
         return
@@ -83,36 +82,38 @@ def _flow(node: Node) -> Iterator[str]:
 
 
 def refuse(node: Node, path: str, remedy: str) -> SceneError:
-    """The error sentence about a value."""
+    """The error about the value at `path`: place, path, value and remedy in one sentence."""
     return SceneError(f'{where(node)}: {path}{" = " if path else ""}{shown(node)}: {remedy}')
 
 
 class Extent:
-    """Amount that has been read for one file with all that it includes. Each method raises SceneError for too much."""
+    """Counts what is read for one file with all its includes. Each method raises SceneError beyond its bound."""
 
     def __init__(self) -> None:
         self._values = self._characters = self._files = 0
 
     def text(self, text: str, name: str) -> None:
-        """A text is read."""
+        """Count a text that is read."""
         self._characters += len(text)
         self._files += 1
         if self._characters > MOST_CHARACTERS:
-            raise SceneError(f'{name}: too long: with what includes it, {self._characters} characters; at most {MOST_CHARACTERS} are read')
+            size = f'{self._characters} characters with the files that include it'
+            raise SceneError(f'{name}: too long: {size}; at most {MOST_CHARACTERS} are read')
         if self._files > MOST_FILES:
             raise SceneError(f'{name}: more than {MOST_FILES} files are included')
 
     def value(self, node: Node) -> None:
-        """A value is looked at."""
+        """Count a value that is looked at."""
         self._values += 1
         if self._values > MOST_VALUES:
             raise SceneError(f'{where(node)}: with every alias and include in place there are more than {MOST_VALUES} values')
 
 
 def parse(text: str, name: str, extent: Extent | None = None) -> Node:
-    """Compose one YAML document and check what no type needs to be known for: tags, duplicate keys, endless aliases, its extent.
+    """Nodes of one YAML document. Raises SceneError for bad YAML, tags, duplicate keys, endless aliases and too much
+    text.
 
-    name: what error sentences call the text (a file name). extent: of the file that includes it. Raises SceneError.
+    name: of the text in error sentences, e.g. a file name. extent: of the file that includes this text.
     """
     (extent or Extent()).text(text, name)
     return _copy(_composed(text, name), {}) if len(text) <= MOST_KEPT else _composed.__wrapped__(text, name)
@@ -120,11 +121,11 @@ def parse(text: str, name: str, extent: Extent | None = None) -> Node:
 
 @lru_cache(maxsize=32)
 def _composed(text: str, name: str) -> Node:
-    """The node of a text, checked; the same again for the same text: who drives or compares many scenes reads few files."""
+    """The checked nodes of a text, kept: sweeps and comparisons read the same few files for many scenes."""
     try:
         node = yaml.compose(text, Loader=_loader(name))
     except RecursionError:
-        raise SceneError(f'{name}: more than {MOST_DEPTH} values in each other') from None
+        raise SceneError(f'{name}: values are nested more than {MOST_DEPTH} deep') from None
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         line = f':{mark.line + 1}' if mark is not None else ''
@@ -137,7 +138,8 @@ def _composed(text: str, name: str) -> Node:
 
 
 def _copy(node: Node, known: dict[int, Node]) -> Node:
-    """A node to be changed, with all below it; what aliases share stays shared."""
+    """A copy of a node with all nodes below it; nodes that aliases share are shared in the copy too. known: id ->
+    copy."""
     found = known.get(id(node))
     if found is not None:
         return found
@@ -156,6 +158,8 @@ def _copy(node: Node, known: dict[int, Node]) -> Node:
 
 
 def _loader(name: str):
+    """PyYAML loader whose marks have this file name."""
+
     class Named(yaml.SafeLoader):
         def __init__(self, stream):
             super().__init__(stream)
@@ -165,10 +169,11 @@ def _loader(name: str):
 
 
 def _check(node: Node, path: str, above: tuple[int, ...], extent: Extent) -> None:
+    """Raise SceneError for what parse() refuses in a node at `path`. above: ids of the nodes around it."""
     if id(node) in above:
         raise SceneError(f'{where(node)}: {path[:SHOWN]} contains itself through an alias')
     if len(above) > MOST_DEPTH:
-        raise SceneError(f'{where(node)}: more than {MOST_DEPTH} values in each other')
+        raise SceneError(f'{where(node)}: values are nested more than {MOST_DEPTH} deep')
     extent.value(node)
     if node.tag not in TAGS:
         raise refuse(node, path, f'the tag {node.tag} is not allowed; write plain values')
@@ -183,9 +188,10 @@ def _check(node: Node, path: str, above: tuple[int, ...], extent: Extent) -> Non
                 raise refuse(key, path, 'a key must be a word')
             here = join(path, key.value)
             if key.value == '<<' and key.style is not None:
-                raise SceneError(f"{where(key)}: {here}: the key '<<' is in quotes: write it, and the name of its file, without them")
+                remedy = 'write it, and the name of its file, without them'
+                raise SceneError(f"{where(key)}: {here}: the key '<<' is in quotes: {remedy}")
             if key.tag == MERGE and not (names_file(value) and value.style is None):
-                what = 'must be the name of a file, without quotes: the mapping is that, changed by the keys beside it'
+                what = 'must be the name of a file, without quotes: its content is changed by the keys beside <<'
                 raise refuse(value, here, what + unfit(value))
             if key.value in first:
                 raise SceneError(f'{where(key)}: {here}: the key is given twice (first in line {first[key.value].start_mark.line + 1})')
@@ -205,11 +211,12 @@ def read(
     extent: Extent | None = None,
     given: Mapping[str, Given] | None = None,
 ) -> Node:
-    """Read a YAML file with everything it refers to.
+    """Read a YAML file with all files that it refers to.
 
-    A value that is a file name (without quotes) ending in .yaml, or in one of READERS, is replaced by the content of that file, looked up
-    beside the file, one directory above it, and in roots. Raises SceneError for files that are missing, unreadable or that
-    include themselves, and for too much of all. extent: of the file that includes this one. given: coefficients beside a tire file.
+    A value without quotes that ends in .yaml, or in one of READERS, is a file name, and is replaced by the content of
+    that file. It is looked up beside the file, one directory above it, and in `roots`. above: files that include this
+    one. extent: of the outermost file. given: coefficients that replace those of a tire file. Raises SceneError for a
+    file that is missing, unreadable or includes itself, and beyond the bounds of Extent.
     """
     extent = extent or Extent()
     if '\0' in str(file):
@@ -223,7 +230,7 @@ def read(
         extent.text(text, name)
         content = read_tir(name, given) if reader is read_tir else reader(Path(name))
         node = node_of(content, yaml.Mark(name, 0, -1, 0, None, 0))
-        if not text:  # of what is no text counts what stands for it in the resolved text
+        if not text:  # a binary file counts by the text that stands for it in the resolved scene
             extent.text(text_of(node), name)
         return node
     directories = [file.parent, file.parent.parent, *roots]
@@ -231,13 +238,13 @@ def read(
 
 
 def displayed(file: Path) -> str:
-    """Name of a file in error sentences: relative to the current directory where it lies below it."""
+    """Name of a file in error sentences: relative to the current directory if the file is below it, else absolute."""
     path = file.resolve()
     return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
 
 
 def read_text(file: Path, errors: str = 'strict') -> str:
-    """Content of a text file; SceneError when it cannot be read, or is too long."""
+    """Content of a text file. Raises SceneError if it cannot be read or is too long."""
     try:
         size = file.stat().st_size
         if size > 4 * MOST_CHARACTERS:
@@ -255,7 +262,10 @@ def include(
     extent: Extent | None = None,
     given: Mapping[str, Given] | None = None,
 ) -> Node:
-    """Replace references to files by their content (see read); returns the node, changed in place. given: beside a tire file."""
+    """Replace file names by the content of the files (see read); returns the node, changed in place.
+
+    directories: where files are looked up. above, extent, given: see read. path: of the node, for error sentences.
+    """
     extent = extent or Extent()
     extent.value(node)
     if isinstance(node, SequenceNode):
@@ -285,7 +295,7 @@ def include(
 
 
 def _coefficients(node: MappingNode) -> dict[str, Given]:
-    """The coefficients under `values` beside the file of a tire, which completes it where it is read."""
+    """Coefficients under the key `values` of a mapping whose `<<` names a tire file; they replace those of the file."""
     base = next((value for key, value in node.value if key.tag == MERGE), None)
     values = next((value for key, value in node.value if key.value == 'values'), None)
     if not (isinstance(base, ScalarNode) and base.value.endswith('.tir') and isinstance(values, MappingNode)):
@@ -301,16 +311,20 @@ def _coefficients(node: MappingNode) -> dict[str, Given]:
 
 
 def _is_whole(node: Node) -> bool:
-    """True where a mapping is the content of a file that is no YAML: another tire has nothing of the one before it."""
+    """True where a mapping is the content of a file that is no YAML (a tire, say): it replaces another one as a
+    whole."""
     return node.start_mark.line < 0 and Path(str(node.start_mark.name)).suffix in READERS
 
 
 def _changed(base: MappingNode, changes: MappingNode) -> MappingNode:
-    """A mapping with the values of another: mappings in it are changed likewise, unless they become another `kind` or tire; all else is
-    replaced, also where it has another unit there (see override)."""
+    """The mapping `base` with the values of `changes`.
+
+    A mapping in it is changed likewise, unless it becomes another `kind` or another tire. All other values are
+    replaced, also those that stand there under the same key with another unit.
+    """
     result = MappingNode(base.tag, list(base.value), base.start_mark, base.end_mark, flow_style=base.flow_style)
     for key, value in changes.value:
-        at = _place(result, key.value, not isinstance(value, MappingNode))
+        at = place_of(result, key.value, not isinstance(value, MappingNode))
         if at is None:
             result.value.append((key, value))
             continue
@@ -323,12 +337,12 @@ def _changed(base: MappingNode, changes: MappingNode) -> MappingNode:
 
 
 def _kind(node: MappingNode) -> str:
-    """Text under the key `kind`, or ''."""
+    """Value of the key `kind`, or ''."""
     return next((str(value.value) for key, value in node.value if key.value == 'kind'), '')
 
 
 def node_of(value: Any, mark: Any) -> Node:
-    """The node that stands for a value: dataclasses and mappings as mappings, floats with all their digits, text in quotes."""
+    """A value as nodes: dataclasses and mappings as mappings, floats with all their digits, text in quotes."""
     if dataclasses.is_dataclass(value):
         value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
     if isinstance(value, Mapping):
@@ -346,67 +360,12 @@ def text_of(node: Node) -> str:
     return yaml.serialize(node, width=140, allow_unicode=True)
 
 
-def keys_of(path: str) -> tuple[str, ...]:
-    """The keys of the path of an override: a.b[0] and a.b.0 are the same."""
-    return tuple(key for key in re.split(r'[.\[\]]+', path.strip()) if key)
+def place_of(node: MappingNode, key: str, last: bool) -> int | None:
+    """Index of a key among the entries of a mapping, None where it is missing.
 
-
-def overtaken(assignments: Sequence[str]) -> tuple[str, str] | None:
-    """An override without effect and the one behind it that replaces all around it; None where there is none."""
-    paths = [keys_of(assignment.partition('=')[0]) for assignment in assignments]
-    pairs = itertools.combinations(zip(paths, assignments, strict=True), 2)
-    return next(((a, b) for (part, a), (whole, b) in pairs if whole and len(whole) < len(part) and part[: len(whole)] == whole), None)
-
-
-def override(root: Node, assignment: str, directories: Sequence[Path]) -> None:
-    """Apply 'a.b.c=value' (value in YAML; list items as a.b.0 or a.b[0]) to a node tree in place; missing mappings are
-    created. A value under the same key with another unit (a.b.c_mm) is replaced. Other places that stand for the same
-    part by an alias stay as they are."""
-    path, equals, text = assignment.partition('=')
-    keys = keys_of(path)
-    name = f'--set {path.strip()}'
-    if not equals or not keys:
-        raise SceneError(f'--set {assignment!r}: write it as path.to.key=value')
-    value = parse(text.strip() or "''", name)
-    _set_line(value, name)
-    value = include(value, directories)
-    node = root
-    for depth, key in enumerate(keys):
-        last = depth == len(keys) - 1
-        if isinstance(node, SequenceNode):
-            if not (key.isdigit() and int(key) < len(node.value)):
-                raise SceneError(f'{name}: {".".join(keys[:depth])} is a list of {len(node.value)}; {key!r} is not one of its indices')
-            node.value[int(key)] = value if last else _alone(node.value[int(key)])
-            node = node.value[int(key)]
-            continue
-        if not isinstance(node, MappingNode):
-            raise SceneError(f'{name}: {".".join(keys[:depth])} = {shown(node)} is a plain value and has no {key!r} in it')
-        at = _place(node, key, last)
-        child = value if last else (_added(node, key, value) if at is None else _alone(node.value[at][1]))
-        if at is None:
-            node.value.append((ScalarNode(TAGS[2], key, value.start_mark, value.end_mark), child))
-        else:
-            entry = node.value[at][0]
-            node.value[at] = (entry if entry.value == key else ScalarNode(TAGS[2], key, value.start_mark, value.end_mark), child)
-        node = child
-
-
-def _alone(node: Node) -> Node:
-    """A node with entries of its own, as what is changed must have: an alias stands for it in other places too."""
-    if not isinstance(node, MappingNode | SequenceNode):
-        return node
-    return type(node)(node.tag, list(node.value), node.start_mark, node.end_mark, flow_style=node.flow_style)
-
-
-def _added(parent: MappingNode, key: str, value: Node) -> AddedMapping:
-    node = AddedMapping(TAGS[0], [], value.start_mark, value.end_mark)
-    node.near = next(iter(difflib.get_close_matches(key, [entry.value for entry, _ in parent.value], n=1)), '')
-    return node
-
-
-def _place(node: MappingNode, key: str, last: bool) -> int | None:
-    """Place of a key in a mapping; the last key of a path is also found where a number, or a list, has it with another
-    unit."""
+    last: whether it is the last key of a path. Then a number or a list under the same key with another unit is found
+    too.
+    """
     words = [entry.value for entry, _ in node.value]
     if key in words or not last:
         return words.index(key) if key in words else None
@@ -415,14 +374,6 @@ def _place(node: MappingNode, key: str, last: bool) -> int | None:
 
 
 def bare(key: str) -> str:
-    """A key without the unit it ends in."""
+    """A key without its unit: length of length_mm."""
     stem, _, suffix = key.rpartition('_')
     return stem if stem and suffix in SUFFIXES else key
-
-
-def _set_line(node: Node, name: str) -> None:
-    if node.start_mark.name == name:
-        node.start_mark = yaml.Mark(name, 0, -1, 0, None, 0)
-    for child in node.value if not isinstance(node, ScalarNode) else ():
-        for part in child if isinstance(child, tuple) else (child,):
-            _set_line(part, name)

@@ -73,7 +73,7 @@ def test_surplus_of_three_bytes_is_padding(surplus: int, tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ('surplus', 'text'),
-    [(bytes(4), 'may as well have zeros behind them'), (bytes(5), 'may as well have zeros behind them'), (bytes(8), '8 longer than')],
+    [(bytes(4), 'or zeros follow their data'), (bytes(5), 'or zeros follow their data'), (bytes(8), '8 longer than')],
 )
 def test_more_that_fits_neither_way_is_left_out_and_counted(surplus: bytes, text: str, tmp_path: Path) -> None:
     messages = [m._replace(data=m.data + surplus) for m in (others.vector('/v', DAY + k, 0, DAY + k, 0.5 * k) for k in range(9))]

@@ -11,8 +11,9 @@ from mbd_sim_ros.commands.main import main
 from solver.elements.road import MOST_NODES, HeightGrid, RandomRoad, RoadSpec
 from solver.errors import SceneError, SpecError
 from solver.files import yaml_tree
+from solver.files.overrides import override
 from solver.files.scene import load_scene, load_scene_text
-from solver.files.yaml_tree import override, parse, read, text_of
+from solver.files.yaml_tree import parse, read, text_of
 
 CRANK = 'mechanism: {kind: slider_crank}\n'
 
@@ -43,7 +44,7 @@ def test_a_refusal_shows_the_beginning_of_an_endless_value() -> None:
 
 @pytest.mark.parametrize('text', ['[' * 3000, '{a: ' * 3000, '- ' * 3000, 'a: ' + '[' * 100 + ']' * 100])
 def test_values_in_each_other_are_bounded(text: str) -> None:
-    refused(text, 'more than 64 values in each other')
+    refused(text, 'values are nested more than 64 deep')
 
 
 def test_texts_and_includes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,7 +79,7 @@ def test_an_alias_of_an_include_counts_each_time(tmp_path: Path, monkeypatch: py
 
 def test_an_override_is_bounded_too() -> None:
     root = parse(CRANK, 'scene')
-    with pytest.raises(SceneError, match='more than 64 values in each other'):
+    with pytest.raises(SceneError, match='values are nested more than 64 deep'):
         override(root, 'mechanism=' + '[' * 3000, ())
 
 
