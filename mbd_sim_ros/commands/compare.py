@@ -1,4 +1,9 @@
-"""mbd compare: a run beside a reference, which may be a recording of another simulator or of a car, or several repeats of a test."""
+"""mbd compare: compares a run with a reference, which may be a recording of another simulator or of a car, or repeats
+of a test.
+
+The file is long by what the command offers: a third of it declares options, and a third writes the report as text and
+JSON. What compares is in mbd_sim_ros.analysis.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +25,7 @@ if TYPE_CHECKING:
     from mbd_sim_ros.analysis.mapping import ChannelMap
     from mbd_sim_ros.bags.reader import Run
 
-SHOWN = 12
+SHOWN = 12  # channels in the table of the report, those that differ most
 EXAMPLE = """mbd compare bags/coarse bags/fine --rtol 1e-3 --atol 1e-6 --html out/compare.html
   mbd compare bags/first bags/again --exact
   mbd compare measured/lap_1.csv --look > car.yaml
@@ -38,7 +43,7 @@ tolerance file (the first pattern that fits counts; rms, peak: relative; shift: 
 
 
 class _Alone(argparse.Action):
-    """A flag with which another argument is not needed. That one stays required of its own, so that options may stand before it."""
+    """A flag that makes another argument optional. Without the flag that argument is required."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, *, other: argparse.Action, help: str) -> None:
         super().__init__(option_strings, dest, nargs=0, default=False, help=help)
@@ -67,13 +72,13 @@ def add(parsers: Any) -> None:
         type=Path,
         nargs='*',
         default=[],
-        help='more references: repeats of one test, whose mean is the reference; RUN may leave it by its 95 %% confidence band as well',
+        help='more references: repeats of a test; their mean is the reference, their 95 %% confidence band is allowed',
     )
     parser.add_argument(
         '--look',
         action=_Alone,
         other=reference,
-        help='of RUN alone: which column is which quantity, in which unit and sign, as a mapping file to confirm',
+        help='look at RUN alone: propose quantity, unit and sign of its columns, as a mapping file to confirm',
     )
     judged = parser.add_argument_group('what is allowed')
     judged.add_argument(
@@ -82,12 +87,12 @@ def add(parsers: Any) -> None:
     judged.add_argument('--atol', type=float, help='allowed absolute difference, added to the relative one (default 1e-09)')
     judged.add_argument('--tolerances', metavar='FILE', type=Path, help='limits per channel, see below; --rtol and --atol for the others')
     judged.add_argument('--exact', action='store_true', help='same instants, same channels, same bits')
-    judged.add_argument('--allow-missing', action='store_true', help='do not mind channels and times that one recording lacks')
+    judged.add_argument('--allow-missing', action='store_true', help='accept channels and times that one lacks')
     judged.add_argument(
         '--overlap',
         metavar='PART',
         type=float,
-        help='part of the longer recording that both must have (1; 0.95 when times are moved)',
+        help='fraction of the longer recording that both must cover (default 1; 0.95 when times are moved)',
     )
     chosen = parser.add_argument_group('channels')
     chosen.add_argument('--channel', metavar='PATTERN', action='append', default=[], help="only channels like 'odom/*' (repeatable)")
@@ -113,16 +118,16 @@ def add(parsers: Any) -> None:
     times.add_argument(
         '--align',
         metavar='CHANNEL',
-        help='find the time offset of REFERENCE by cross-correlation of this channel of RUN, with its sign or the turned one',
+        help='find the time offset of REFERENCE by cross-correlation of this channel of RUN, with either sign',
     )
     shown = parser.add_argument_group('pictures')
     shown.add_argument('--html', metavar='FILE', type=Path, help='report with all figures and curves to zoom into, in one file')
     shown.add_argument('--plot', metavar='PNG', type=Path, help='draw the channels that differ most')
-    shown.add_argument('--no-rating', action='store_true', help='leave out the rating after ISO/TS 18571 where no tolerance asks for it')
+    shown.add_argument('--no-rating', action='store_true', help='no ISO/TS 18571 rating where no tolerance asks for it')
 
 
 def run(args: argparse.Namespace) -> Result:
-    """Read all, compare, draw."""
+    """Run the command: read the recordings, compare them, write reports and pictures. Raises BagError and SpecError."""
     if args.look:
         return _look(args)
     import numpy as np
@@ -141,7 +146,7 @@ def run(args: argparse.Namespace) -> Result:
     if not abs(args.offset) < LATEST:
         raise BagError(f'--offset {args.offset:g}: must be a number of seconds below {LATEST:.3g}')
     if args.overlap is not None and not 0.0 <= args.overlap <= 1.0:
-        raise BagError(f'--overlap {args.overlap:g}: must be a part, 0 to 1')
+        raise BagError(f'--overlap {args.overlap:g}: must be a fraction from 0 to 1')
     limits = Tolerances() if args.tolerances is None else load_tolerances(args.tolerances)
     limits = dataclasses.replace(limits, default=dataclasses.replace(limits.default, **given))
     pairs = mapping.pairs(args.map)
@@ -161,8 +166,9 @@ def run(args: argparse.Namespace) -> Result:
         channels = [mapping.literal(name) for name in channels if name in common]
         if not channels:
             instead = ours.instead_of(lacking[0]) if lacking and lacking[0] not in ours.names else ''
-            raise BagError(f'{args.mapping}: none of its channels is in all recordings ({", ".join(lacking[:3])} are in some){instead}')
-    with np.errstate(over='ignore', invalid='ignore'):  # whatever a recording holds
+            some = f'{", ".join(lacking[:3])} are in some of them'
+            raise BagError(f'{args.mapping}: none of its channels is in all recordings ({some}){instead}')
+    with np.errstate(over='ignore', invalid='ignore'):  # a recording may hold any numbers
         found = compare(
             ours,
             *references,
@@ -215,7 +221,7 @@ def run(args: argparse.Namespace) -> Result:
 
 
 def _look(args: argparse.Namespace) -> Result:
-    """The first look at one recording. Raises BagError and SpecError."""
+    """mbd compare --look: the first look at one recording. Raises BagError and SpecError."""
     from mbd_sim_ros import interrupts
     from mbd_sim_ros.analysis import mapping, runs
     from mbd_sim_ros.analysis.look.first import look
@@ -232,9 +238,11 @@ def _look(args: argparse.Namespace) -> Result:
 
 
 def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tuple[Run, list[Run], frozenset[str]]:
-    """The run, the references under the names of the run, and which channels hold their value; only what is needed is decoded.
+    """(run, references with the channel names of the run, channels that hold their value between samples).
 
-    One after the other: two threads pass the interpreter to and fro at every chunk, and took longer than one.
+    pairs: from --map, name in the run -> its source. file: the mapping file. Only the channels that are needed are
+    decoded. The recordings are read one after the other: two threads wait for each other at every chunk, and took
+    longer than one.
     """
     from mbd_sim_ros.analysis import mapping, runs
 
@@ -277,7 +285,7 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
 
 
 def _labels(places: list[Path]) -> list[str]:
-    """Short names of the recordings, all different."""
+    """Names of the recordings, all different: the last part of the path if that is enough, else the path."""
     short = [place.name or str(place) for place in places]
     return short if len(set(short)) == len(short) else [str(place) for place in places]
 
@@ -289,7 +297,8 @@ def about(
     unused: Sequence[str] = (),
     doubts: Mapping[str, Sequence[str]] | None = None,
 ) -> list[str]:
-    """Doubts about the recordings themselves, and preparations before the comparison, a line each."""
+    """Lines above the table: doubts about the recordings, offsets that were added to times, channels that are not
+    compared."""
     lines = [f'{name}: {text}' for name, texts in (doubts or {}).items() for text in texts]
     if any(found.origins):
         lines += [f'times of {name} count from {origin:.9f} s' for name, origin in zip(names, found.origins) if origin]
@@ -322,7 +331,8 @@ def report(
     plot: Path | None = None,
     html: Path | None = None,
 ) -> Result:
-    """A comparison as a Result: exit code 0 when every channel is there and within its tolerance."""
+    """A comparison as a Result. The exit code is 0 if every channel is in all recordings and within its tolerance, else
+    1."""
     outside = [d for d in found.differences if not d.ok]
     missing = () if allow_missing else found.left_out
     good = found.ok and not missing
@@ -371,12 +381,13 @@ def report(
 
 
 def _found(offset: Offset) -> dict[str, Any]:
-    """An offset that was sought, for JSON."""
+    """A time offset that --align found, for JSON."""
     return {'correlation': offset.correlation, 'again': offset.again, 'turned': offset.correlation < 0.0, 'opposed': offset.opposed}
 
 
 def _channel(d: Difference) -> dict[str, Any]:
-    """One channel for JSON; times in s, the rest in its unit or without one."""
+    """Differences of one channel, for JSON: times in s, scores and relative values without a unit, all else in its
+    unit."""
     data = {
         'unit': d.unit,
         'max': d.max,

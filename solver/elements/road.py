@@ -1,10 +1,14 @@
-"""The road: a plane, height grids on it, and friction patches.
+"""The road: a plane, height grids on it, friction patches and friction maps.
 
 height(x, y) = plane + sum of grids. A grid is interpolated by the uniform cubic B-spline through its nodes, so height, normal
 and curvature are continuous; beyond its border it continues with constant height. Friction is a factor on the peak friction of
 the tire: the product of the factors of all patches, each blended in smoothly over a strip of finite width, and of all maps.
 
 `road_at` runs on float64, complex128 and Dual (solver.compiled.dual), so slope and curvature enter every tangent exactly.
+
+The file is long because specification, table and kernels of one concept stand together (docs/contributing.md). What can
+stand alone has its own file: road_grids.py (kinds of grids), curved_grid.py (reference lines), enveloping.py (the road
+that a tire feels).
 """
 
 from __future__ import annotations
@@ -33,10 +37,11 @@ from solver.validate import Vector, finite, require, vector
 class FrictionPatch:
     """A rectangle with another friction.
 
-    center: (x, y) [m] in W. size: (length, width) [m] along the patch axes. yaw: [rad]. factor: on the tire's peak friction [-].
-    blend: width of the strip, centred on the edge, over which the factor changes [m]. That of a tire which rolls over a sharp edge changes
-    along with its contact patch, by the part of it that is behind the edge: over 106 mm ([Pacejka2012] table 9.1, 205/60 R15) and with the
-    steepest slope of a strip of 0.2 m.
+    center: (x, y) [m] in W. size: (length, width) [m] along the patch axes. yaw: of these axes [rad]. factor: on the
+    peak friction of the tire [-]. blend: width of the strip, centred on the edge, over which the factor changes [m].
+    The default follows from the length of the contact patch: over a sharp edge the friction of a tire changes by the
+    share of its patch that is beyond the edge, over 106 mm ([Pacejka2012] table 9.1, 205/60 R15). A strip of 0.2 m has
+    the same steepest slope.
     """
 
     center: Place
@@ -58,11 +63,12 @@ class FrictionPatch:
 class RoadSpec(Spec):
     """The ground under the tires.
 
-    point [m], normal: of the base plane, in W; the normal is normalised and must point upwards.
-    friction: factor on the tires' peak friction away from patches [-].
-    contact: how tires touch the grids. 'point': the tangent plane below the wheel centre. 'enveloping': the road that a tire makes of
-    them (docs/tire.md); the wheels are taken to roll along the x axes of the grids. 'auto': enveloping for grids with edges, which are
-    rounder than the wheels, unless they are too large for it, which the run tells.
+    point [m], normal: of the base plane, in W; the normal is normalised and must point upwards. friction: factor on the
+    peak friction of the tires away from patches [-]. contact: how tires touch the grids. 'point': in the tangent plane
+    below the wheel centre. 'enveloping': on an effective road, computed from the grid and the size of the tire
+    (docs/tire.md), for wheels that roll along the x axis of the grid. 'auto': enveloping for grids with edges, i.e.
+    with curvature above that of the wheels, else point. A grid that is too large to be enveloped is touched at a point
+    too, and the run says so.
     """
 
     name: str = 'road'
@@ -96,34 +102,41 @@ class RoadSpec(Spec):
 class RoadTable(NamedTuple):
     """The compiled road. Grids are concatenated: node (i, j) of grid g is spline[start[g] + i * shape[g, 1] + j].
 
-    The first `heights` grids are heights, with a node more on each side than those of the road; the others factors of friction.
+    The first `heights` grids are heights, each with one node more on every side than in the RoadSpec. The others are
+    friction factors. np: number of patches, ng: of grids, nl: of reference lines.
     """
 
     plane: np.ndarray  # (3,) height = plane[0] + plane[1] x + plane[2] y
-    friction: np.ndarray  # (1,)
-    patch: np.ndarray  # (np, 8): x, y, cos yaw, sin yaw, half length, half width, factor, blend
-    grid: np.ndarray  # (ng, 6): x, y, cos yaw, sin yaw, dx, dy
-    shape: np.ndarray  # (ng, 2)
-    start: np.ndarray  # (ng,)
-    spline: np.ndarray  # (sum of nodes,) B-spline coefficients [m, or of a factor]
+    friction: np.ndarray  # (1,) factor away from patches [-]
+    patch: np.ndarray  # (np, 8): x, y [m], cos yaw, sin yaw, half length, half width [m], factor [-], blend [m]
+    grid: np.ndarray  # (ng, 6): x, y of node (0, 0) [m], cos yaw, sin yaw, distances dx, dy of the nodes [m]
+    shape: np.ndarray  # (ng, 2) numbers of nodes
+    start: np.ndarray  # (ng,) index of node (0, 0) in spline
+    spline: np.ndarray  # (sum of nodes,) B-spline coefficients [m] of heights, [-] of friction factors
     heights: np.ndarray  # (1,) number of grids that are heights
-    line: np.ndarray  # (ng,) number of the reference line that a grid lies along, -1: it lies along x and y of its own
-    line_start: np.ndarray  # (nl + 1,) where the places of each line begin in line_spline
+    line: np.ndarray  # (ng,) index of the reference line of a grid, -1 for a grid with straight axes
+    line_start: np.ndarray  # (nl + 1,) index in line_spline of the first place of each line
     line_spline: np.ndarray  # (places of all lines, 4) coefficients of p and m (solver.elements.curved_grid)
     line_numbers: np.ndarray  # (nl, NUMBERS) Curve.numbers
-    line_cells: np.ndarray  # (nl, 3) where the cells of each line begin in cells, how many along x and y
+    # (nl, 3) index of the first cell of each line in `cells`, numbers of its cells along x and y
+    line_cells: np.ndarray
     cells: np.ndarray  # (cells of all lines,) Curve.cells
-    enveloping: np.ndarray  # (1,): 1 where some grid is an effective road, 0 where all are touched at a point
+    enveloping: np.ndarray  # (1,) 1: some grid is an effective road. 0: all grids are touched at a point
 
 
 def interpolating(grid: Heights) -> Heights:
-    """Coefficients of the uniform cubic B-spline through all nodes, continued by the heights of the border: a node more on each side."""
+    """Coefficients of the uniform cubic B-spline through all nodes, with one node more on every side.
+
+    The additional nodes have the height of the border, so that the surface continues with constant height.
+    """
     c = grid.height
     for axis in (0, 1):
         c = np.moveaxis(c, axis, 0)
         n = c.shape[0]
         known = c.copy()
-        known[[0, -1]] -= c[[0, -1]] / 6.0  # of the coefficients beside the border, which are its heights; a grid has two nodes or more
+        # the coefficients outside of the border are its heights: known, with weight 1/6 in the first and the last
+        # equation
+        known[[0, -1]] -= c[[0, -1]] / 6.0
         beside, diagonal = np.full(n, 1.0 / 6.0), np.full(n, 4.0 / 6.0)
         inside = solve_tridiagonal(beside, diagonal, beside, known)
         c = np.moveaxis(np.concatenate([c[:1], inside, c[-1:]]), 0, axis)
@@ -131,29 +144,32 @@ def interpolating(grid: Heights) -> Heights:
     return grid._replace(origin=(grid.origin[0] - k * dx + s * dy, grid.origin[1] - s * dx - k * dy), height=c)
 
 
-@functools.lru_cache(maxsize=16)  # asked for whenever a run is judged
+@functools.lru_cache(maxsize=16)  # every verdict on a run asks for it
 def edge(grid: HeightGrid | RasterGrid | CurvedGrid) -> Edge:
-    """The roundest hollow of a grid."""
+    """Place where a grid bends upwards most, and its curvature there."""
     found = sharpest(grid.heights)
     return found._replace(place=grid.place(*found.place)) if isinstance(grid, CurvedGrid) and grid.line is not None else found
 
 
 @functools.lru_cache(maxsize=16)
 def too_large(grid: HeightGrid | RasterGrid | CurvedGrid, tire: Footprint) -> str:
-    """Why a grid is too large to be enveloped by a tire, as a sentence; '' where it is not."""
+    """Sentence on why a grid is too large for a tire to envelop it, '' where it is not too large."""
     return too_fine(grid.heights, tire)
 
 
 def envelops(spec: RoadSpec, tire: Footprint) -> tuple[bool, ...]:
-    """Which grids of a road a tire envelops. Random roads end where the tire envelops, unless asked for; 'auto' leaves out what is
-    too_large()."""
+    """Flag for each grid of a road: whether the tire envelops it (see RoadSpec.contact).
+
+    'auto' never envelops a random road, which has no waves shorter than `shortest` (a tire envelops those), and no grid
+    that is too_large().
+    """
     if spec.contact != 'auto':
         return (spec.contact == 'enveloping',) * len(spec.grids)
     return tuple(not isinstance(g, RandomRoad) and edge(g).curvature > 1.0 / tire.radius and not too_large(g, tire) for g in spec.grids)
 
 
 def within(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(n,) whether places x, y (n,) [m] in W are on a grid, and not beside it."""
+    """(n,) True for the places x, y (n,) [m] in W that are on a grid, within its border."""
     if isinstance(grid, RandomRoad):
         size = grid.length, grid.width
     else:
@@ -164,7 +180,8 @@ def within(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad, x: np.ndarra
 
 
 def nodes_at(grid: HeightGrid | RasterGrid | CurvedGrid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(n,) heights [m] of a grid at places x, y (n,) [m] in W, straight between its nodes; beside it those of its border."""
+    """(n,) heights [m] of a grid at places x, y (n,) [m] in W, bilinear between its nodes; outside the height of the
+    border."""
     h = grid.heights
     found = np.zeros(len(x))
     first, part = zip(*(_cell(c / step, n) for c, step, n in zip(_own(grid, x, y), h.step, h.height.shape, strict=True)), strict=True)
@@ -175,14 +192,15 @@ def nodes_at(grid: HeightGrid | RasterGrid | CurvedGrid, x: np.ndarray, y: np.nd
 
 
 def _cell(c: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """(node before it, part of the cell behind that) of places c (n,) in cells."""
+    """(index of the node before each place, fraction of the cell from there to the place); c: (n,) places in units of
+    cells."""
     c = np.clip(c, 0.0, nodes - 1.0)
     first = np.minimum(c.astype(np.int64), nodes - 2)
     return first, c - first
 
 
 def _own(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places x, y (n,) [m] in W along and across a grid [m], from its node (0, 0) on."""
+    """Coordinates (n,), (n,) [m] along and across a grid, from its node (0, 0) on, of places x, y (n,) [m] in W."""
     origin, yaw = (grid.origin, grid.yaw) if isinstance(grid, RandomRoad) else (grid.heights.origin, grid.heights.yaw)
     if isinstance(grid, CurvedGrid) and grid.line is not None:
         u, v = np.zeros(len(x)), np.zeros(len(x))
@@ -197,9 +215,10 @@ def _own(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad, x: np.ndarray,
 
 @functools.lru_cache(maxsize=2)  # the start of a scene compiles its model more than once
 def compile_road(spec: RoadSpec, tire: Footprint | None = None) -> RoadTable:
-    """Expand random roads and build the table. tire: what envelops obstacles; without one every grid is touched at a point.
+    """The table of a road. Random roads become grids, and grids that a tire envelops become effective roads.
 
-    Raises SpecError for an effective road that has too many nodes.
+    tire: size of the tire that envelops obstacles; without one every grid is touched at a point. Raises SpecError for
+    an effective road that has too many nodes.
     """
     p, n = spec.point, spec.normal
     enveloped = envelops(spec, tire) if tire is not None else (False,) * len(spec.grids)
@@ -208,7 +227,8 @@ def compile_road(spec: RoadSpec, tire: Footprint | None = None) -> RoadTable:
         heights = g.expand().heights if isinstance(g, RandomRoad) else g.heights
         grids.append(effective(heights, tire, spec.where) if tire is not None and envelope else heights)
     splines = [interpolating(g) for g in grids]
-    splines += [m.heights for m in spec.maps]  # not interpolated: these numbers bound the factor
+    # the numbers themselves are the coefficients: a spline through them could go beyond them
+    splines += [m.heights for m in spec.maps]
     sizes = [c.height.size for c in splines]
     curved = [k for k, g in enumerate(spec.grids) if isinstance(g, CurvedGrid) and g.line is not None]
     curves = [curve_of(spec.grids[k]) for k in curved]  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Tire against the road: Magic Formula forces with first-order relaxation, standstill included.
+"""Tire on the road: Magic Formula forces with first-order relaxation, standstill included.
 
 One body carries the force: the wheel, whose spin axis is y of the marker at the wheel centre. The contact frame C, the slips
 and all signs are those of docs/conventions.md; the model is described in docs/tire.md. In short
@@ -7,14 +7,21 @@ and all signs are those of docs/conventions.md; the model is described in docs/t
 
     du/dt = -c Vsx - |V|/sigma_kappa u,     |V| = |(Vx, Vsx/(mu k_x), Vsy/(mu k_y))|,     kappa = (u - tau Vsx)/sigma_kappa
 
-and the same for v with Vsy and sigma_alpha. It is linear in u, so u = zp + cz du/dt has a closed form. At speed the steady state is the
-slip itself; at rest nothing decays and u is a spring (no creep). One |V| for both: the slip of a sliding wheel points against its sliding,
-whichever way that goes. k bounds the slip, and at low speed it holds (u, v) near the deflection of the peak force on this road, so that a
-wheel that slides to rest does not store more than the force it can carry. With turn slip the twist of the contact patch is a third such
-state, R0 times its angle, driven by R0 times the yaw rate. Unless turn slip is off, such a twist resists a wheel that is turned on the
-spot, below PARKING_ENDS; above nothing of it is evaluated, and the state fades away.
+and the same for v with Vsy and sigma_alpha. c is 1 on the ground and 0 in the air, mu the friction.
 
-The last state is the give of the tread, by which a wheel stands on its rolling resistance (solver.elements.tread).
+The equation is linear in u, so u = zp + cz du/dt has a closed form. At speed the steady state is the slip itself. At
+rest nothing decays, and u is a spring without creep. Both directions have the same |V|, so that the slip of a sliding
+wheel points against its velocity, in whichever direction it slides. k bounds the slip. At low speed it holds (u, v)
+near the deflection of the peak force on this road: a wheel that slides to rest does not store more force than it can
+carry.
+
+Internal states: u and v; with turn slip, the twist of the contact patch (R0 times its angle), with an equation of the
+same form, driven by R0 times the yaw rate; the give of the tread, by which a wheel stands on its rolling resistance
+(solver.elements.tread). If TireSpec.turn_slip is None, the twist has one effect only: it resists turning the wheel on
+the spot. Its moment acts below the speed PARKING_ENDS; above that speed the state decays without effect.
+
+The file is long because specification, table and kernel of one element stand together (docs/contributing.md). The parts
+of the kernel that can stand alone have their own files: tire_contact, magic_formula, turn_slip, tread.
 
 Source: [Pacejka2012] 2.2 (slip), 4.3.3 (turn slip), 7.2 (relaxation), 8.6 (standstill).
 """
@@ -66,33 +73,37 @@ TIRE_UNITS = {
 }
 TIRE_COLUMNS = tuple(TIRE_UNITS)
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', **TIRE_UNITS}
-STATES = 3  # without a twist, one more with it
+STATES = 3  # internal states of a tire without twist: u, v, give of the tread; a tire with twist has one more
 
-LOWEST_SPEED = 0.1  # m/s that low_speed may be
-LEAST_LOAD = 1e-9  # load, relative to FNOMIN, from which there are forces of friction
-FULL_CONTACT = 0.02  # load, relative to FNOMIN, from which the contact point follows the road fully
+LOWEST_SPEED = 0.1  # least low_speed of a TireSpec [m/s]
+LEAST_LOAD = 1e-9  # load from which there are friction forces, relative to FNOMIN
+FULL_CONTACT = 0.02  # load from which the contact point follows the road fully, relative to FNOMIN
 AIR_DECAY = 20.0  # rate at which contact deflections vanish in the air [1/s]
-TWIST_LENGTH = 0.17  # relaxation length of turn slip over R0: half the contact length, 53 mm of 313 mm ([P] table 9.1)
-SLIP_BOUND = 5.0  # |(kappa, tan alpha)| and R0 |phi_t| saturate smoothly towards this value at speed [-]
-LOW_SLIP = 2.0  # and towards this multiple of (peak force / slip stiffness) at standstill [-]
-LEAST_GRIP = 0.1  # friction that bounds go with at least: on less a car that stands with its wheels turned finds no equilibrium
-LOW_TWIST = 3.0  # turn slip: of (saturated moment / its slope)
-AT_SPEED = 1.0 / (SLIP_BOUND * SLIP_BOUND)
-QUIET_SPEED = 0.01  # speed below which |V| becomes V^2: at rest the contact is a spring without creep [m/s]
+# Relaxation length of turn slip, relative to R0: half the length of the contact patch, 53 mm of 313 mm ([Pacejka2012]
+# table 9.1).
+TWIST_LENGTH = 0.17
+SLIP_BOUND = 5.0  # bound k towards which |(kappa, tan alpha)| and R0 |phi_t| saturate smoothly at speed [-]
+LOW_SLIP = 2.0  # the same bound at standstill, as a multiple of (peak force / slip stiffness) [-]
+# Least friction with which the bounds at standstill are computed: with less, a car that stands with its wheels turned
+# finds no equilibrium.
+LEAST_GRIP = 0.1
+LOW_TWIST = 3.0  # bound of the twist at standstill, as a multiple of (saturated moment / its slope over turn slip) [-]
+AT_SPEED = 1.0 / (SLIP_BOUND * SLIP_BOUND)  # 1/k^2 at speed [-]
+QUIET_SPEED = 0.01  # speed [m/s] below which |V| becomes V^2/QUIET_SPEED: at rest the contact is a spring without creep
 
 
 @dataclass(frozen=True, kw_only=True)
 class TireSpec(Spec):
     """A tire on a wheel.
 
-    marker: at the wheel centre, y along the spin axis to the left. mirrored: True on the side the data were not measured on, so
-    that asymmetries (conicity, ply steer, camber) are mirrored. pressure: inflation pressure [Pa]; None takes the data's INFLPRES.
-    damping: vertical damping at nominal load [N s/m], proportional to load otherwise; None takes VERTICAL_DAMPING.
-    low_speed: speed [m/s] below which standstill damping and the low slip bound set in.
-    standstill_damping: time constant tau [s] by which the contact velocity damps the contact spring at rest.
-    turn_slip: whether the turning of the contact patch about the road normal acts (6.1 data): true, all of it, side forces and moments of
-    a curved path; false, nothing; None, the moment against turning on the spot alone, fading out between 2.5 and 5 m/s, where the data
-    have it.
+    marker: at the wheel centre, y along the spin axis to the left. mirrored: True on the side the data were not
+    measured on, so that asymmetries (conicity, ply steer, camber) are mirrored. pressure: inflation pressure [Pa]; None
+    takes the data's INFLPRES. damping: vertical damping at nominal load [N s/m], in proportion to the load at other
+    loads; None takes VERTICAL_DAMPING. low_speed: speed [m/s] below which standstill damping and the slip bound of
+    standstill set in. standstill_damping: time constant tau [s] by which the contact velocity damps the contact spring
+    at rest. turn_slip: effects of the turning of the contact patch about the road normal (data of version 6.1). true:
+    side force and moments of a curved path too. false: none. None: only the moment that resists turning a wheel on the
+    spot, which fades out between 2.5 and 5 m/s, if the data have it.
     """
 
     counted_as = 'tires'
@@ -131,19 +142,20 @@ class TireSpec(Spec):
 
 
 class TireTable(NamedTuple):
-    """Columns of all tires and the road they stand on."""
+    """Compiled data of n tires, and the road."""
 
-    body: np.ndarray  # (n,)
+    body: np.ndarray  # (n,) index of the wheel
     r: np.ndarray  # (n, 3) wheel centre from the centre of mass, in B [m]
     axis: np.ndarray  # (n, 3) spin axis in B
-    slot: np.ndarray  # (n,) diagonal block
-    state: np.ndarray  # (n,) index of u; v follows, the twist where there is one, and the give of the tread
-    states: np.ndarray  # (n,) how many they are
+    slot: np.ndarray  # (n,) diagonal block of the body in the matrices
+    state: np.ndarray  # (n,) index of the internal state u; behind it v, the twist (if any), and the give of the tread
+    states: np.ndarray  # (n,) number of internal states
     side: np.ndarray  # (n,) +1, or -1 for a mirrored tire
     c: np.ndarray  # (n, ROW) coefficients, magic_formula.pack
-    damping: np.ndarray  # (n,) vertical damping over nominal load [s/m]
-    low: np.ndarray  # (n, 5): low speed [m/s], tau [s]; 1/k^2 at standstill on friction 1 along x, along y, of the twist
-    give: np.ndarray  # (n, 2): way that the tread gives [m], its damping [s]
+    damping: np.ndarray  # (n,) vertical damping, relative to the nominal load [s/m]
+    # (n, 5): low speed [m/s], tau [s]; 1/k^2 at standstill and friction 1: along x, along y, of the twist
+    low: np.ndarray
+    give: np.ndarray  # (n, 2): travel of the tread [m], its damping [s]
     road: RoadTable
 
 
@@ -398,16 +410,20 @@ def tire_forces(table, now, effects, out):
 
 
 def held_tires(table: TireTable, u: np.ndarray) -> Held:
-    """In the search for static equilibrium wheels turn on the spot without resistance, as those of a car that rolled there: it ends without
-    twist, and a car finds the same rest with the moment against turning and without. Nor does a tread hold a wheel: it would rest higher or
-    lower, by the way that it came. u: (nu,), left as it is."""
+    """Tires as they act in the search for static equilibrium: without the moment that resists turning on the spot, and
+    rolling.
+
+    The wheels then stand as those of a car that has rolled there: without twist, and at the same rest for every choice
+    of turn_slip. A tread that holds a wheel would leave the car higher or lower, depending on the way that the search
+    took. u: inputs (nu,), not changed.
+    """
     c = table.c.copy()
     c[:, I.PARKING] = 0.0
     return Held(rolling_tires(table)._replace(c=c), u, {})
 
 
 def rolling_tires(table: TireTable) -> TireTable:
-    """Tires whose treads give without end: their wheels roll from the smallest force on."""
+    """Tires whose wheels roll from the smallest force on: the travel of the tread is infinite."""
     gives = table.give.copy()
     gives[:, 0] = np.inf
     return table._replace(give=gives)

@@ -1,7 +1,12 @@
-"""The surface that an OpenCRG file describes: reference line, modifiers, options, and the nodes that stand for it.
+"""The road surface that an OpenCRG file describes, as the arrays of a curved grid (solver.elements.curved_grid).
 
-Heights and places of the nodes are those of ASAM's library (crgLoader.c, crgMgr.c, crgEvalz.c, crgEvaluv2xy.c) [ASAM2020].
-Between the nodes, where the library is bilinear, the solver goes smoothly through the same heights.
+The file (solver.files.crg) has a reference line, heights over it in rows and long sections, modifiers that change them,
+and options for what lies beyond the borders. u is the length along the line, v the distance to its left. The heights
+and places of the nodes are those of ASAM's library (crgLoader.c, crgMgr.c, crgEvalz.c, crgEvaluv2xy.c) [ASAM2020],
+whose functions are named in the docstrings. Between the nodes the library is bilinear, and the solver goes smoothly
+through the same heights.
+
+The file is long because it follows the library step by step and in its order, so that the two can be read side by side.
 """
 
 from __future__ import annotations
@@ -20,24 +25,30 @@ from solver.elements.curved_grid import BEYOND, FOLDS, MOST_NODES, Frame, height
 from solver.errors import SceneError, SpecError
 from solver.files.crg import Crg, parsed, sections_of, table_of
 
-KEEP, ZERO, REPEAT, REFLECT = 2, 1, 3, 4  # of BORDER_MODE_U and BORDER_MODE_V; 0: the road ends
-# Without a section of modifiers those of ASAM's library are in force (crgOptionSetDefaultModifiers)
+# Values of BORDER_MODE_U and BORDER_MODE_V: beyond the border the height stays, is zero, repeats, is reflected. 0:
+# none.
+KEEP, ZERO, REPEAT, REFLECT = 2, 1, 3, 4
+# Modifiers of a file without a section of modifiers, as in ASAM's library (crgOptionSetDefaultModifiers).
 DEFAULTS = {'grid_nan_mode': 2.0, 'refpoint_x': 0.0, 'refpoint_y': 0.0, 'refpoint_z': 0.0, 'refpoint_phi': 0.0}
-CURVATURE_LENGTH = 0.5  # [m] from the ends of a line, where the library takes the heading of the end
-LEAST_PROGRESS = 0.05  # of the distance of two rows, at the borders: rows that meet there have no places between them
-COMMENSURABLE = 1e-6  # [m]: sections are so near to columns at equal distances
-MOST_PARTS = 1000  # of the least distance of two sections
-SINGLE = 8.0  # [m]: heights over the line below it are kept in single precision, to 2.4e-7 m
-STEP = 1e-6  # [m]: a road that is repeated is told to have a step from here on
+CURVATURE_LENGTH = 0.5  # distance [m] from the ends of a line within which the library takes the heading of the end
+# Distance of two rows at the border of the road, relative to their distance on the line, at least. Rows that meet at
+# the border have no places between them; ten times as much would refuse ordinary curves.
+LEAST_PROGRESS = 0.05
+COMMENSURABLE = 1e-6  # distance [m] of a section from a column of an even grid up to which it lies on that column
+MOST_PARTS = 1000  # parts into which the least distance of two sections is divided to find such a grid
+SINGLE = 8.0  # height over the line [m] below which heights are kept in single precision, with an error of 2.4e-7 m
+STEP = 1e-6  # difference of heights [m] from which on a note tells it
 
 
 @dataclass(kw_only=True)
 class _Surface:
-    """The road after its modifiers.
+    """A road after its modifiers, with n rows and m long sections.
 
-    first, du: of the rows [m]. heading: at the start, as the file says [rad]. phi: of the piece before each place [rad], None of a straight
-    line. z: of the line [m]. bank: [-], None without. v: of the sections [m]. grid: heights over the line [m], (rows, sections). places:
-    (rows, 2) of the line [m]. has_z: whether z is given. mean: added to the grid [m].
+    first, du: u of the first row and distance of the rows [m]. heading: of the line at its start, as the file says
+    [rad]. phi: (n,) heading of the piece of the line before each row [rad], None of a straight line. z: (n,) height of
+    the line [m]. bank: (n,) cross slope [-], None without banking. v: (m,) of the sections [m]. grid: (n, m) heights
+    over the line [m]. places: (n, 2) x, y of the line [m]. has_z: whether the file gives heights of the line. mean:
+    added to all heights [m].
     """
 
     crg: Crg
@@ -56,17 +67,19 @@ class _Surface:
 
     @property
     def last(self) -> float:
+        """u of the last row [m]."""
         return self.first + self.du * (len(self.grid) - 1)
 
 
 def read_crg(path: Path) -> dict[str, Any]:
-    """The fields of a curved grid (solver.elements.curved_grid.CurvedGrid) with its kind. Raises SceneError."""
+    """Fields of the CurvedGrid (solver.elements.curved_grid) that an OpenCRG file describes, and its `kind`. Raises
+    SceneError."""
     crg = parsed(path)
     return fields_of(crg, table_of(crg))
 
 
 def fields_of(crg: Crg, table: np.ndarray) -> dict[str, Any]:
-    """The fields of a curved grid for a file and its numbers. Raises SceneError."""
+    """Fields of the CurvedGrid of a parsed file and its table of numbers. Raises SceneError."""
     modifiers = DEFAULTS if crg.modifiers is None else crg.modifiers
     s = _surface(crg, table, modifiers)
     if crg.modifiers is None and (abs(s.heading) > 1e-12 or np.abs(s.places[0]).max() > 1e-12):
@@ -93,7 +106,10 @@ def fields_of(crg: Crg, table: np.ndarray) -> dict[str, Any]:
 
 
 def _channel(crg: Crg, table: np.ndarray, word: str, first: int) -> np.ndarray | None:
-    """A channel of the reference line; all its numbers from row `first` on must be there."""
+    """Column `word` (phi, slope, banking) of the reference line, None where the file has none.
+
+    Raises SceneError if a number from row `first` on is missing.
+    """
     found = [k for k, name in enumerate(crg.channels) if name.startswith('reference line') and name.split()[2:3] == [word]]
     if not found:
         return None
@@ -106,6 +122,7 @@ def _channel(crg: Crg, table: np.ndarray, word: str, first: int) -> np.ndarray |
 
 
 def _surface(crg: Crg, table: np.ndarray, modifiers: dict[str, float]) -> _Surface:
+    """The road of a file, scaled by its modifiers, still at its own place (calcRefLine and before)."""
     columns, v = sections_of(crg)
     known = {'phi', 'slope', 'banking'}
     for k, name in enumerate(crg.channels):
@@ -124,7 +141,8 @@ def _surface(crg: Crg, table: np.ndarray, modifiers: dict[str, float]) -> _Surfa
         bank = np.full(len(table), start_b)
     heading = road.get('reference_line_start_phi', 0.0)
     ends = {what: road.get(f'reference_line_end_{what}') for what in ('x', 'y', 'z')}
-    # modifiers, in the order of crgDataSetModifiersApply
+    # The modifiers that scale come in the order of crgDataSetModifiersApply. One that makes the end of the line wrong
+    # removes the end that the file gives.
     if (factor := modifiers.get('scale_z_grid')) is not None:
         grid = grid * np.asarray(factor, grid.dtype)
     start_s = road.get('reference_line_start_s', 0.0)
@@ -153,14 +171,14 @@ def _surface(crg: Crg, table: np.ndarray, modifiers: dict[str, float]) -> _Surfa
 
 
 def _fill(crg: Crg, grid: np.ndarray, modifiers: dict[str, float]) -> None:
-    """Put numbers where heights are missing, in place: GRID_NAN_MODE and GRID_NAN_OFFSET."""
+    """Fill missing heights in the grid, in place, by GRID_NAN_MODE and GRID_NAN_OFFSET."""
     rows = np.flatnonzero(np.isnan(grid).any(axis=1))
     if not len(rows):
         return
     mode, offset = modifiers.get('grid_nan_mode', 0.0), modifiers.get('grid_nan_offset', 0.0)
     if mode == 0.0:
-        who = 'are to stay missing (GRID_NAN_MODE 0): those beside them, to the right, stand there'
-        crg.notes.append(f'heights are missing in {len(rows)} rows and {who}')
+        instead = 'GRID_NAN_MODE 0 keeps them missing; here the nearest height to the right takes their place'
+        crg.notes.append(f'heights are missing in {len(rows)} rows: {instead}')
         offset = 0.0
     part = grid[rows]
     holes = np.isnan(part)
@@ -179,7 +197,10 @@ def _fill(crg: Crg, grid: np.ndarray, modifiers: dict[str, float]) -> None:
 
 
 def _profile(crg: Crg, count: int, du: float, slope: np.ndarray | None, start_s: float, end: float | None) -> tuple[np.ndarray, bool]:
-    """Heights of the line, and whether they are integrated (calcRefLineZ)."""
+    """(heights of the line [m], whether they are integrated from slopes) (calcRefLineZ).
+
+    start_s: constant slope where there is no column of slopes. end: height that the file gives at the end [m], or None.
+    """
     start = crg.road.get('reference_line_start_z', 0.0)
     if slope is None and start_s == 0.0:
         if end is not None and abs(end - start) > STEP:
@@ -201,7 +222,10 @@ def _profile(crg: Crg, count: int, du: float, slope: np.ndarray | None, start_s:
 def _line(
     road: dict[str, float], count: int, du: float, heading: float, phi: np.ndarray | None, ends: dict[str, float | None]
 ) -> np.ndarray:
-    """(count, 2) places of the line (calcRefLine): headings integrated from its start; from its end too, where that is given."""
+    """(count, 2) places of the line (calcRefLine): its headings, integrated from the start.
+
+    Where the file gives the end, they are integrated from there too, and the two results are blended along the line.
+    """
     start = np.array([road.get('reference_line_start_x', 0.0), road.get('reference_line_start_y', 0.0)])
     if phi is None:
         return start + du * np.arange(count)[:, None] * np.array([math.cos(heading), math.sin(heading)])
@@ -219,13 +243,17 @@ def _line(
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:
-    """(n, 1) of vectors (n, 2), by operations whose rounding is the same on every processor."""
+    """(n, 1) lengths of vectors (n, 2), by operations whose rounding is the same on every processor."""
     x, y = vectors.T
     return np.sqrt(x * x + y * y)[:, None]
 
 
 def _normals(places: np.ndarray) -> np.ndarray:
-    """(rows, 2) of each row: along it from the line, as long as the pieces beside it stay one metre apart (crgDataEvaluv2xy)."""
+    """(rows, 2) vector of each row: from the line along the row, per metre of v (crgDataEvaluv2xy).
+
+    In a bend it is longer than 1, so that the places at a constant v stay at the distance v from the pieces of the
+    line.
+    """
     across = np.concatenate([places[1:2] - places[:1], places[2:] - places[:-2], places[-1:] - places[-2:-1]])
     normal = np.column_stack([-across[:, 1], across[:, 0]])
     normal /= _length(normal)
@@ -236,7 +264,7 @@ def _normals(places: np.ndarray) -> np.ndarray:
 
 
 def _place(s: _Surface, u: float, v: float) -> np.ndarray:
-    """x, y of u, v (crgDataEvaluv2xy)."""
+    """(2,) x, y [m] of the place u, v [m] (crgDataEvaluv2xy)."""
     at = (u - s.first) / s.du
     k = min(max(int(at), 0), len(s.places) - 2)
     ends = s.places[k : k + 2] + v * _normals(s.places[max(k - 1, 0) : k + 3])[k - max(k - 1, 0) :][:2]
@@ -244,7 +272,10 @@ def _place(s: _Surface, u: float, v: float) -> np.ndarray:
 
 
 def _heading(s: _Surface, u: float) -> float:
-    """The heading that the library moves to the new one (crgDataEvaluv2pk of 2.0): of the start, the end, or the piece at u."""
+    """Heading [rad] of the line at u [m], as the library takes it for refpoint_phi (crgDataEvaluv2pk of version 2.0).
+
+    It is that of the start near the start, that of the end near the end, else that of the piece at u.
+    """
     if s.phi is None:
         return s.heading
     k = min(max(int((u - s.first) / s.du), 0), len(s.phi) - 2)
@@ -255,8 +286,12 @@ def _heading(s: _Surface, u: float) -> float:
 
 
 def _transform(s: _Surface, modifiers: dict[str, float]) -> None:
-    """Move the road: by a point of it that comes to a given place, or by offsets (crgDataApplyTransformations)."""
-    # what moves a road by a point of it; the offset of u or v alone does nothing there
+    """Move the road to its place, by the modifiers refpoint_... or refline_... (crgDataApplyTransformations).
+
+    refpoint_...: a point of the road comes to a given place. refline_...: the whole road is turned and shifted by
+    offsets.
+    """
+    # refpoint_u_offset and refpoint_v_offset alone do not move a road
     by_point = [key for key in modifiers if key.startswith('refpoint_') and not key.endswith('_offset')]
     for of, fraction in (('u', 'refpoint_u_fraction'), ('v', 'refpoint_v_fraction')):
         if f'refpoint_{of}_offset' in modifiers and modifiers[f'refpoint_{of}_offset'] != 0.0 and fraction not in modifiers:
@@ -289,7 +324,7 @@ def _transform(s: _Surface, modifiers: dict[str, float]) -> None:
 
 
 def _within(x: np.ndarray, first: float, last: float, mode: int) -> np.ndarray:
-    """Place that x stands for, beyond the borders."""
+    """The coordinates x, each moved to the place between `first` and `last` that it stands for beyond a border."""
     if mode == REPEAT:
         return np.where((x < first) | (x > last), first + np.mod(x - first, last - first), x)
     if mode == REFLECT:
@@ -298,7 +333,8 @@ def _within(x: np.ndarray, first: float, last: float, mode: int) -> np.ndarray:
 
 
 def _heights(s: _Surface, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """(u, v) heights, bilinear between the nodes, with all options (crgDataEvaluv2z)."""
+    """(len(u), len(v)) heights [m] at all pairs of u and v [m], bilinear between the nodes, with all options
+    (crgDataEvaluv2z)."""
     modes = [int(s.options.get(f'border_mode_{of}', KEEP)) or KEEP for of in 'uv']
     offset_u, offset_v = (s.options.get(f'border_offset_{of}', 0.0) for of in 'uv')
     slack = 1e-9 * s.du
@@ -311,7 +347,8 @@ def _heights(s: _Surface, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     a = np.clip(a - i, 0.0, 1.0)[:, None]
     j = np.clip(np.searchsorted(s.v, across + 1e-12, side='right') - 1, 0, len(s.v) - 2)
     b = np.clip((across - s.v[j]) / (s.v[j + 1] - s.v[j]), 0.0, 1.0)
-    if (b == 0.0).all() and (a == 0.0).all():  # nodes, of which there are many
+    # all places are nodes: of these there are many, and nothing is interpolated
+    if (b == 0.0).all() and (a == 0.0).all():
         height = s.grid[np.ix_(i, j)].astype(float)
     else:
         low = s.grid[np.ix_(i, j)] * (1.0 - b) + s.grid[np.ix_(i, j + 1)] * b
@@ -336,7 +373,7 @@ def _heights(s: _Surface, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _smoothed(s: _Surface, height: np.ndarray, at: np.ndarray, out: np.ndarray, u: np.ndarray, mode: int) -> np.ndarray:
-    """Heights that fade to those of the line at its ends over BORDER_SMOOTH_UBEG and BORDER_SMOOTH_UEND."""
+    """Heights that fade into the height of the line at its ends, over BORDER_SMOOTH_UBEG and BORDER_SMOOTH_UEND."""
     for key, far, end in (('border_smooth_ubeg', at - s.first, 0), ('border_smooth_uend', s.last - at, -1)):
         zone = s.options.get(key, 0.0)
         if zone < 0.0 or zone > s.last - s.first:
@@ -350,7 +387,8 @@ def _smoothed(s: _Surface, height: np.ndarray, at: np.ndarray, out: np.ndarray, 
 
 
 def _columns(s: _Surface) -> float:
-    """The distance of columns at equal distances on which all sections lie."""
+    """Distance [m] of the columns of an even grid on which all long sections lie. Raises SceneError if there is
+    none."""
     steps = np.diff(s.v)
     for parts in range(1, MOST_PARTS + 1):
         dv = float(steps.min()) / parts
@@ -361,14 +399,13 @@ def _columns(s: _Surface) -> float:
             break
         if np.abs(at - np.rint(at)).max() * dv < COMMENSURABLE:
             return dv
-    remedy = f'sections at multiples of a distance of which {MOST_NODES} heights make the road, or at equal distances'
-    raise SceneError(
-        f'{s.crg.source}: the distances of the {len(s.v)} long sections (the least {steps.min():g} m) have no common part: take {remedy}'
-    )
+    remedy = f'place them at multiples of one distance, so that the road has at most {MOST_NODES} heights'
+    sections = f'the {len(s.v)} long sections (the nearest two are {steps.min():g} m apart)'
+    raise SceneError(f'{s.crg.source}: {sections} lie on no even grid: {remedy}')
 
 
 def _arrays(s: _Surface) -> dict[str, np.ndarray]:
-    """The road as arrays (solver.elements.curved_grid)."""
+    """The road as arrays of a curved grid (solver.elements.curved_grid), continued beyond its borders."""
     if s.grid.size > MOST_NODES:
         raise SceneError(f'{s.crg.source}: {s.grid.size} heights are too many (at most {MOST_NODES}): give a part of the road')
     dv = _columns(s)
@@ -389,7 +426,8 @@ def _arrays(s: _Surface) -> dict[str, np.ndarray]:
             a, n = beside[axis], height.shape[axis]
             begin, end = np.take(height, a, axis), np.take(height, n - 1 - a, axis)
             if (step := float(np.abs(begin - end).max())) > STEP:
-                s.crg.notes.append(f'is repeated with a step of {step:.3g} m between {of}: the last {(s.du, dv)[axis]:g} m lead over it')
+                ramp = f'the last {(s.du, dv)[axis]:g} m are a ramp over it'
+                s.crg.notes.append(f'is repeated with a step of {step:.3g} m between {of}: {ramp}')
                 (height if axis == 0 else height.T)[n - 1 - a] = begin
     along = height[:, int(np.argmin(np.abs(v)))].copy()
     over = height - along[:, None]
@@ -411,12 +449,13 @@ def _arrays(s: _Surface) -> dict[str, np.ndarray]:
 
 
 def _require_room_in_curves(s: _Surface, normals: np.ndarray) -> None:
-    """Raise SceneError where rows cross each other within the road."""
+    """Raise SceneError for a curve that is so tight that rows of the grid cross each other within the road."""
     piece = np.diff(s.places, axis=0)
     for v in (s.v[0], s.v[-1]):
         ahead = ((piece + v * np.diff(normals, axis=0)) * piece).sum(axis=1) / s.du**2
         k = int(np.argmin(ahead))
         if ahead[k] < LEAST_PROGRESS:
             where = f'u = {s.first + s.du * k:g} m'
-            remedy = f'its curve at {where} is tighter than the road is wide there (v = {v:g} m): rows of the grid cross each other'
-            raise SceneError(f'{s.crg.source}: {remedy}; give a narrower road, or headings that change more slowly')
+            fault = f'the radius of its curve at {where} is below the distance of its border (v = {v:g} m)'
+            remedy = 'give a narrower road, or headings that change more slowly'
+            raise SceneError(f'{s.crg.source}: {fault}, so that rows cross each other; {remedy}')

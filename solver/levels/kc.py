@@ -1,18 +1,23 @@
-"""The level `kc`: a body on four wheels that follow maps of kinematics and compliance, measured on the bench from the full vehicle.
+"""The level `kc`: a chassis on four wheels that follow maps of kinematics and compliance, measured on the full vehicle.
 
-    bodies    the chassis, which everything that does not move with a wheel is part of; four wheels; the steering wheel; of an axle whose
-              wheels share mass (a live axle, a twist beam) a beam between them
-    axles     one guide each (solver.elements.guide) instead of arms, links, rubbers, subframes, springs, dampers, bars and rack
-    kept      tires, road, drag, steering wheel and its driver, drive torque (between the driven wheels and the chassis, or, of a motor in a
-              hub, the carrier), power steering with a pinion to push (solver.levels.assisted), an engine that turns
+bodies    the chassis, with all parts that do not move with a wheel; four wheels; the steering wheel; a beam between the
+              wheels of an axle that share mass (a live axle, a twist beam)
+axles     one guide each (solver.elements.guide) in place of arms, links, bushings, subframes, springs, dampers, bars,
+rack
+kept      tires, road, drag, steering wheel and its driver; drive torque, between the driven wheels and the chassis (of
+a
+motor in a hub: and the carrier); power steering, on a pinion (solver.levels.assisted); an engine that turns,
               with clutch and gearbox (solver.levels.powered)
 
-Conserved are the mass of the vehicle, its centre of mass and its inertia in the design position; the mass that moves with the travel of a
-wheel and with both wheels of an axle and the inertia that turns with it (twice the kinetic energy of the full model at unit rates, along
-the tangents of the maps); static
-loads, wheel rates and the curves of kinematics and compliance; brakes and dampers with their laws. Lost is what vibrates inside.
+The level conserves: mass, centre of mass and inertia of the vehicle in the design position; static loads, wheel rates,
+and the curves of kinematics and compliance; the laws of brakes and dampers; the masses that move with the travel of a
+wheel and of both wheels of an axle, and the inertia that turns with a wheel. (These are twice the kinetic energy of the
+full model at unit rates, along the tangents of the maps.) It loses the vibration of the parts that the guides replace.
 
-With no loop of joints an iteration leaves next to nothing to a second one (solver.levels.derived.with_one_iteration).
+The model has no loop of joints, so that one iteration a step is enough (solver.levels.derived.with_one_iteration).
+
+The file is long because _Reduction puts the parts of one model together, and each of its methods makes one kind of
+part. Measuring and fitting the maps is in maps.py and map_fits.py.
 """
 
 from __future__ import annotations
@@ -58,18 +63,21 @@ from solver.vehicle.trailer import refuse_trailer
 from solver.vehicle.transfer import refuse_locked, without_connections
 
 AXLES = ('front', 'rear')
-FASTEST = 10.0  # Hz, of a passenger car, of the travel of a wheel (speed over wavelength of the road) and of the steering
-LAG = 0.002  # s, of a passenger car; of the departures, a usual loss of rubber over its stiffness
-CROSSED = 0.05  # motion of a second damper, of that of the first one, that is left out
-REPLACED = ('spring_dampers', 'bushings', 'brakes', 'servos')  # kinds of forces that guides stand for
-MAPS = 'the range of the maps, which go on linearly'
+# Frequency [Hz] of wheel travel (speed over wavelength of the road) and steering up to which the level holds, of a
+# passenger car.
+FASTEST = 10.0
+# Damping over stiffness [s] of the compliance of a guide, of a passenger car: that of usual rubber bushings.
+LAG = 0.002
+CROSSED = 0.05  # travel of a second damper of a wheel, relative to the first one, up to which it is left out
+REPLACED = ('spring_dampers', 'bushings', 'brakes', 'servos')  # kinds of forces that the guides replace
+MAPS = 'the maps end there, and go on linearly'
 
 LOST = (
     'vibration of engine, subframes, links, rack and driveline (above about 8 Hz)',
-    'compliance is linear, and what the travel of the other wheel changes a polynomial of the third power: both of the design position, of '
-    'a vehicle more than 30 mm off that where it stands (on its stops understeer is a few percent off)',
-    'of links and leaf springs what moves with the travel loads that compliance by its inertia, the rest the chassis',
-    'the inertia of propeller shaft and gears turns with both driven wheels in equal shares',
+    'changes of compliance: it is linear, measured in the design position (where the vehicle stands, if that is over '
+    '30 mm away), and the other wheel changes it by a cubic polynomial; on its stops understeer is a few percent off',
+    'inertia of links and leaf springs in compliance: what moves with the travel loads it, the rest is in the chassis',
+    'different speeds of propeller shaft and gears: their inertia turns with both driven wheels in equal shares',
 )
 ROLL = Limit(quantity='roll', unit='rad', low=-0.5, high=0.5, why='a car that rolls over falls on parts that this level does not have')
 FREQUENCY = Limit(  # of a passenger car
@@ -78,7 +86,8 @@ FREQUENCY = Limit(  # of a passenger car
 
 
 def derive(scene: Scene) -> Derived:
-    """The level `kc` of a scene. Raises SpecError for a vehicle that is no car with four wheels on two axles."""
+    """The level `kc` of a scene. Raises SpecError for a vehicle that is not a car with two axles, or has a part it
+    cannot model."""
     vehicle, more = apart(scene.model)
     reduction = _reduction(vehicle)
     model = carrying(reduction.model(), more, scene.model)
@@ -97,14 +106,14 @@ def derive(scene: Scene) -> Derived:
 
 
 def _lateral(spec: ModelSpec) -> tuple[Limit, ...]:
-    """Up to which lateral acceleration: none for a car without rubber."""
+    """(limit of the lateral acceleration), or () for a car without bushings, whose compliance is zero."""
     if not spec.bushings:
         return ()
     return (Limit(quantity='lateral_acceleration', unit='m/s^2', low=-9.0, high=9.0, why='compliance is that of moderate loads'),)
 
 
 def kc_model(spec: ModelSpec) -> ModelSpec:
-    """The model of the level; raises SpecError."""
+    """The model of the level `kc` of a vehicle. Raises SpecError as derive() does."""
     vehicle, more = apart(spec)
     return carrying(_reduction(vehicle).model(), more, spec)
 
@@ -116,12 +125,11 @@ def _reduction(spec: ModelSpec) -> _Reduction:
 
 
 def _require_car(spec: ModelSpec) -> None:
+    """Raise SpecError for a vehicle that the level cannot be measured on."""
     refuse_trailer(spec)
     refuse_locked(spec)
     if TORQUE in spec.inputs:
-        raise SpecError(
-            'actuation.steering is torque, and this level is measured with a steering wheel that is held; use condensed or full'
-        )
+        raise SpecError('actuation.steering is torque, and this level is measured with a held steering wheel; use condensed or full')
     if {tire.name for tire in spec.tires} != set(CORNERS):
         raise SpecError('a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full')
     names = {c.name for c in spec.coordinates} | {joint.name for joint in spec.joints}
@@ -132,7 +140,7 @@ def _require_car(spec: ModelSpec) -> None:
 
 
 class _Reduction:
-    """A vehicle and what was measured of it, becoming a model of six bodies or little more."""
+    """Makes the model of the level from a vehicle and its measured maps (data)."""
 
     def __init__(self, spec: ModelSpec, data: dict[str, Any], servo: ServoSpec | None) -> None:
         self.spec, self.data, self.size = spec, data, size_of(spec)
@@ -148,6 +156,7 @@ class _Reduction:
                 raise SpecError(f'tire {corner!r}: the marker must be at the origin of its body')
 
     def model(self) -> ModelSpec:
+        """The model of the level."""
         masses = {axle: self._masses(axle) for axle in AXLES}
         each = [mass for axle in AXLES for mass in masses[axle].wheels]
         wheels = {corner: self._wheel(corner, mass) for corner, mass in zip(CORNERS, each, strict=True)}
@@ -208,7 +217,8 @@ class _Reduction:
         return self.bodies[bearing.i.body if bearing.j.body == wheel else bearing.j.body]
 
     def _across(self, corner: str) -> float:
-        """Inertia about a diameter of a wheel [kg m^2], the mean of x and z: its own and that of a carrier that is not of both wheels."""
+        """Inertia [kg m^2] about a diameter of a wheel, the mean of x and z, with its carrier unless that carries both
+        wheels."""
         carrier = self._carrier(corner)
         alone = all(self._carrier(other) is not carrier for other in CORNERS if other != corner)
         across = 0.0
@@ -220,7 +230,7 @@ class _Reduction:
         return across
 
     def _masses(self, axle: str) -> AxleMasses:
-        """The masses of the wheels of an axle and the mass shared by both, which is in the middle between them."""
+        """Masses that move with each wheel of an axle, and the mass that both share, in the middle between them."""
         corners = [f'{axle}_{side}' for side in SIDES]
         J = np.array([self._across(corner) for corner in corners])
         own = np.array([self._slopes(corner)[:4] for corner in corners])
@@ -229,14 +239,15 @@ class _Reduction:
         return divided(J, own, other, moved, self.data[corners[0]]['beside'])
 
     def _wheel(self, corner: str, mass: float) -> RigidBodySpec:
-        """Wheel, carrier and what moves with them as one body at the wheel centre, which turns as the wheel does."""
+        """Body at the wheel centre that stands for the wheel, its carrier and all parts that move with them. It turns
+        as the wheel."""
         wheel, across = self.bodies[self.tires[corner].marker.body], self._across(corner)
         spin = spin_of(wheel, across, self.data[corner])
         inertia = (across, spin, across, 0.0, 0.0, 0.0)
         return RigidBodySpec(name=wheel.name, mass=mass, inertia=inertia, position=wheel.position, orientation=wheel.orientation)
 
     def _slopes(self, corner: str) -> np.ndarray:
-        """(5,) slopes of the maps over the own travel in the design position."""
+        """(5,) slopes of the maps of a wheel over its own travel, in the design position."""
         axle, _, side = corner.partition('_')
         data = self.data[axle]
         columns = maps.MAP_STEERING + 2 if data['steered'] else 1
@@ -250,7 +261,8 @@ class _Reduction:
         return (along[i + 1] - along[i - 1]) / (2.0 * step)
 
     def _steering(self) -> tuple[tuple[RigidBodySpec, ...], tuple[Any, ...], tuple[Any, ...]]:
-        """(steering wheel, its bearing, its driver), nothing for a car that is not steered."""
+        """((steering wheel,), (its joint,), (the coupler that drives it,)); three empty tuples for a car that is not
+        steered."""
         for coupler in self.spec.couplers:
             joint = self.joints.get(coupler.terms[0][0])
             if coupler.input is not None and len(coupler.terms) == 1 and joint is not None:
@@ -260,7 +272,7 @@ class _Reduction:
         return (), (), ()
 
     def _rest(self, taken: tuple[RigidBodySpec, ...]) -> RigidBodySpec:
-        """The chassis with all mass and inertia of the vehicle that the bodies taken out do not have."""
+        """The chassis with the mass and inertia of the whole vehicle, less those of the bodies in `taken`."""
         mass, moment, inertia = _sums(self.spec.bodies)
         less = _sums(taken)
         mass, moment, inertia = mass - less[0], moment - less[1], inertia - less[2]
@@ -273,7 +285,7 @@ class _Reduction:
         return self.chassis.replace(mass=float(mass), com=(x, y, z), inertia=tuple(float(c) for c in six))
 
     def _spin(self, corner: str, wheel: RigidBodySpec) -> CoordinateSpec:
-        """The rotation of a wheel, against the chassis instead of the carrier."""
+        """Coordinate of the rotation of a wheel, relative to the chassis instead of the carrier."""
         bearing = self.joints[f'wheel_{corner}']
         own, base = (bearing.j, bearing.i) if bearing.j.body == wheel.name else (bearing.i, bearing.j)
         R = product(matrix(self.bodies[base.body].orientation), matrix(base.orientation))
@@ -284,10 +296,13 @@ class _Reduction:
         return CoordinateSpec(name=bearing.name, kind='rotation', i=i, j=j)
 
     def _travel(self, corner: str, wheel: RigidBodySpec) -> CoordinateSpec:
+        """Coordinate of the travel of a wheel relative to the chassis, upwards."""
         at = tuple(float(c) for c in self.centers[corner])
         return CoordinateSpec(name=f'travel_{corner}', kind='translation', i=marker_at(self.chassis, at, UP), j=marker_at(wheel, at, UP))
 
     def _guide(self, axle: str, wheels: dict[str, RigidBodySpec], shared: float, couplers: tuple[Any, ...]) -> GuideSpec:
+        """The guide of an axle. shared: mass of both wheels together [kg]. Raises SpecError for brakes or drives it
+        cannot have."""
         data = self.data[axle]
         corners = [f'{axle}_{side}' for side in SIDES]
         brakes = {b.coordinate: b for b in self.spec.brakes}
@@ -338,21 +353,25 @@ class _Reduction:
         )  # fmt: skip
 
     def _turn(self, axle: str, couplers: tuple[Any, ...]) -> str:
-        """The rotation that a guide follows: in front that of a pinion behind a torsion bar, else that of the steering wheel."""
+        """Joint whose rotation a guide follows: the pinion of power steering on the front axle, else the steering
+        wheel."""
         return couplers[0].terms[0][0] if self.assisted is None or axle != AXLES[0] else self.assisted.joint.name
 
     def _gear(self) -> tuple[Law, Law | None]:
-        """Laws of springs and dampers of the steering at the rotation that the front guide follows."""
+        """(spring, damper) laws of the steering, about the rotation that the front guide follows."""
         return (steering_springs(self.data['gear'], self.data['steering']), None) if self.assisted is None else self.assisted.gear
 
     @staticmethod
     def _inertias(wheel: RigidBodySpec) -> tuple[float, float, float, float]:
-        """Inertias against x, y, psi, gamma of a wheel."""
+        """Inertias of a wheel in the four directions of compliance: x, y [kg], steer, camber [kg m^2]."""
         return wheel.mass, wheel.mass, wheel.inertia[2], wheel.inertia[0]
 
     def _damper(self, data: dict[str, Any], side: int) -> tuple[Law, list[float], float, float, Law]:
-        """(law, powers of the slope of its length, slope over the travel of the other wheel, stiffness of its mount, inverse of the law) of
-        the damper that moves with a wheel."""
+        """The damper that moves with a wheel, as a guide takes it.
+
+        (law; coefficients of the motion ratio over the travel; motion ratio of the other wheel's travel; stiffness of
+        its mount [N/m], 0 for none; inverse of the law).
+        """
         first, other = (self._dampers(data, k) for k in (side, 1 - side))
         nothing = Law.linear(0.0)
         if not first:
@@ -360,9 +379,9 @@ class _Reduction:
         own, moves = first[0], data['dampers'][side]
         for k in first[1:]:
             share = abs(moves[k][0] / moves[own][0])
-            if share > CROSSED and k not in other[:1]:  # that of the other wheel of a dependent axle moves too
+            if share > CROSSED and k not in other[:1]:  # on a dependent axle the damper of the other wheel moves too
                 raise SpecError(
-                    f'{len(first)} dampers move with one wheel, and this level has one damper per wheel '
+                    f'{len(first)} dampers move with one wheel, but this level has one damper per wheel '
                     f'(a further one moves by {100 * share:.0f} % of the first); use full'
                 )
         law = self.spec.spring_dampers[int(own)].damper
@@ -372,12 +391,13 @@ class _Reduction:
         return law, moves[own], crossing, data['mounts'][int(own)] if yields is not None else 0.0, yields or nothing
 
     def _dampers(self, data: dict[str, Any], side: int) -> list[Any]:
-        """The dampers that move with a wheel, the one that moves most first."""
+        """Keys of the dampers that move with a wheel, the one with the largest travel first."""
         moves = data['dampers'][side]
         return sorted((k for k in moves if self.spec.spring_dampers[int(k)].damper is not None), key=lambda k: -abs(moves[k][0]))
 
     def _drives(self) -> tuple[CoordinateForceSpec, ...]:
-        """Forces on coordinates that turn with the wheels: drive torque and limited slip, at the wheels and the chassis or the carriers."""
+        """Drive torques and limited-slip forces, between the wheels and the chassis or the carriers. Raises
+        SpecError."""
         slopes = self.data['coordinates']
         found = []
         for force in self.spec.coordinate_forces:
@@ -388,18 +408,19 @@ class _Reduction:
             terms = {name: round(factor, 9) for name, factor in terms.items() if abs(factor) > UNMOVED}
             if terms and (force.input is not None or force.damper is not None) and len(terms) <= 3:
                 if force.spring is not None:
-                    raise SpecError(f'{force.where}: a spring at the turning wheels; use full')
+                    raise SpecError(f'{force.where}: this level has no spring on turning wheels; use full')
                 found.append(force.replace(terms=tuple(terms.items())))
             elif force.input is not None:
                 raise SpecError(f'{force.where}: its input moves nothing that this level has; use full')
         return tuple(found)
 
     def _held(self, kept: set[str]) -> tuple[CoordinateForceSpec, ...]:
-        """Forces on coordinates that this level keeps as they are: dampers of the steering wheel."""
+        """Forces on the coordinates in `kept` alone, which stay as they are: dampers of the steering wheel."""
         return tuple(force for force in self.spec.coordinate_forces if {name for name, _ in force.terms} <= kept)
 
 
 def _factors(force: CoordinateForceSpec, corners: list[str]) -> tuple[float, float]:
+    """Factors of a force on the rotation of the left and of the right wheel, 0 where it does not act."""
     left, right = (dict(force.terms).get(f'wheel_{corner}', 0.0) for corner in corners)
     return left, right
 

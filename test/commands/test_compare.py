@@ -218,7 +218,7 @@ def test_exact_names_channel_and_time(tmp_path: Path, capsys) -> None:
         (('--offset', '1e300'), '--offset 1e+300: must be a number of seconds'),
         (('--rtol', 'inf'), '--rtol inf: must be a number that is not negative'),
         (('--plot', '/dev/full'), 'cannot write the picture /dev/full: No space left'),
-        (('--overlap', '2'), '--overlap 2: must be a part'),
+        (('--overlap', '2'), '--overlap 2: must be a fraction'),
         (('--exact', '--offset', '1'), 'without --offset and --align'),
         (('--map', 'imu/x=imu/y'), "the other recording has no column 'imu/x'"),
         (('--channel', 'nothing'), "no common channel matches 'nothing'"),

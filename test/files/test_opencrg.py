@@ -339,7 +339,8 @@ def test_what_is_refused(tmp_path: Path, content: str, words: str) -> None:
 
 
 def test_a_curve_tighter_than_the_road_is_wide_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match=r'its curve at u = .* is tighter than the road is wide there \(v = 2 m\)'):
+    said = r'the radius of its curve at u = .* is below the distance of its border \(v = 2 m\)'
+    with pytest.raises(SceneError, match=said):
         read_crg(circle(tmp_path / 'road.crg', radius=1.9, count=20))
 
 
