@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +21,7 @@ from mbd_sim_ros.messages.encode import Messages, require_finite
 from solver.analysis.balance import Balance
 from solver.analysis.certificate_coverage import weighed
 from solver.analysis.envelope import Envelope
+from solver.analysis.error_bar import NOT_ASKED, ErrorBar, Twin
 from solver.analysis.verdict import ERROR, passes, report, status_of
 from solver.errors import MbdError, StepError
 from solver.files.scene import load_scene_text
@@ -159,8 +160,9 @@ class _Past:
 class _Run:
     """A run while it is made: who follows its steps, and what becomes of it.
 
-    status, found, covered, signal, failure: how it ended, what makes it suspect, what of that a certificate covers, and the
-    number of the signal or the error that ended it early.
+    twin: measures its error, where somebody asks for it. status, found, covered, explaining, signal, failure: how it ended, what
+    makes it suspect, what of that a certificate or its error takes the place of, and the number of the signal or the error that ended
+    it early.
     """
 
     simulation: Simulation
@@ -171,9 +173,13 @@ class _Run:
     meter: _Meter
     balances: Balance | None
     envelope: Envelope
+    twin: Twin | None = None
+    error: ErrorBar = NOT_ASKED
     status: str = ERROR
-    found: list[Finding] = field(default_factory=list)
-    covered: list[Finding] = field(default_factory=list)
+    found: Sequence[Finding] = ()
+    covered: Sequence[Finding] = ()
+    explaining: Sequence[Finding] = ()
+    figures: dict[str, Any] = field(default_factory=dict)
     signal: int = 0
     failure: StepError | None = None
 
@@ -183,30 +189,51 @@ class _Run:
         look = self.envelope.every(simulation.h_ns) or UNRECORDED_CHUNK
         while simulation.k < steps and not interrupts.received():
             k = simulation.k
-            n = 1 if self.balances else min(every - k % every, look - k % look, steps - k, self.meter.portion.most)
+            seen = steps if self.twin is None or self.twin.next is None else self.twin.next
+            n = 1 if self.balances else min(every - k % every, look - k % look, seen - k, self.meter.portion.most)
             if self.past is not None:
                 self.past.follow()
             snapshot = self.meter.advance(n, None if self.source is None else self.source.table(k, n))
             ended = simulation.k == steps
             if simulation.k % look == 0 or ended:  # whatever is recorded, and however fast the machine is
                 self.envelope.look(snapshot)
+            if self.twin is not None:
+                self.twin.note(snapshot)
             if self.balances:
                 self.balances.update()
             self.track.follow(snapshot, ends=ended or bool(interrupts.received()))
             yield n
 
+    def measure(self) -> Iterator[int]:
+        """Make the steps of the twin, up to a signal; gives the number of each call."""
+        portion = Portion()
+        clock = time.perf_counter()
+        for n in self.twin.make(lambda: portion.most) if self.twin is not None and not interrupts.received() else ():
+            portion.took(n, time.perf_counter() - clock)
+            yield n
+            if interrupts.received():
+                break
+            clock = time.perf_counter()
+
     def judge(self) -> None:
         """Say what became of steps that did not fail."""
-        self.signal = interrupts.received() if self.simulation.k < self.steps else 0
-        self.found, self.covered = weighed(self.simulation, self.envelope, self.meter.figures()['real_time_factor'])
-        self.status = status_of(self.found, interrupted=bool(self.signal))
+        ended = self.simulation.k == self.steps
+        self.signal = interrupts.received() if not ended or (self.twin is not None and not self.twin.done) else 0
+        if self.twin is not None and ended:
+            self.error = self.twin.result()
+        rate = self.figures['real_time_factor']
+        self.found, self.covered, self.explaining = weighed(self.simulation, self.envelope, rate, error=self.error)
+        self.status = status_of(self.found, interrupted=bool(self.signal) and not ended)
 
     def close(self) -> dict[str, Any]:
         """Finish the recording with the verdict; returns the figures."""
-        figures = self.meter.figures()
-        verdict = {'status': self.status, 'findings': json.dumps(report(self.found))}
-        if self.covered:
-            verdict['covered'] = json.dumps(report(self.covered))
+        figures = self.figures or self.meter.figures()
+        verdict = {'status': self.status, 'findings': json.dumps(report(self.found)), 'error_text': self.error.text}
+        for name, some in (('covered', self.covered), ('explaining', self.explaining)):
+            if some:
+                verdict[name] = json.dumps(report(some))
+        if self.error.measured:
+            verdict['errors'] = json.dumps(self.error.report())
         self.track.close(verdict, figures)
         return figures
 
@@ -224,6 +251,7 @@ def simulate(
     frame_prefix: str = '',
     parameters: Mapping[str, Any] | None = None,
     looking_back: bool = True,
+    error: bool = False,
 ) -> dict[str, Any]:
     """Advance to step `steps`, from the start or from a saved state, and return the figures of the run.
 
@@ -231,13 +259,17 @@ def simulate(
     show a bar if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time.
     state: of Simulation.save(). from_start: record the state at the beginning too. frame_prefix, parameters: as
     record() takes them. looking_back: a run that fails leaves in its recording another one, `last_steps`: the last LAST
-    steps at least, every one, from a saved state on, so that `mbd replay` can start again from just before. `status` is
+    steps at least, every one, from a saved state on, so that `mbd replay` can start again from just before. error: make a
+    twin with another step, which tells the numerical error (solver.analysis.error_bar), for half the steps again; of a run from
+    the start by its own maneuver. `status` is
     'ok' or 'suspect', `findings` say why, `covered` what the certificate of a plan covers
-    (solver.analysis.certificate_coverage); `passed` is false where the scene does not allow what was found. A recording
+    (solver.analysis.certificate_coverage), `explaining` what the error decides in place of; `errors` and `error_text` are
+    that; `passed` is false where the scene does not allow what was found. A recording
     is always closed, with the verdict or what ended the run. Raises StepError, BagError, and KeyboardInterrupt(sentence
     to show, signal number) between two steps.
     """
-    with tqdm(total=steps, unit='step', desc='compiling', disable=None if progress else True, leave=False) as bar:
+    measured = error and state is None and source is None
+    with tqdm(total=steps + steps // 2 * measured, unit='step', desc='compiling', disable=None if progress else True, leave=False) as bar:
         interrupts.now(f'preparing {simulation.scene.name}')
         warm_up(simulation)
         if state is not None:
@@ -256,6 +288,7 @@ def simulate(
                 meter=_Meter(simulation),
                 balances=Balance(simulation) if balance else None,
                 envelope=Envelope(simulation),
+                twin=Twin(simulation, steps) if measured else None,
             )
             try:
                 if from_start:
@@ -263,9 +296,12 @@ def simulate(
                 for n in run.make():
                     bar.update(n)
                 track.show()  # interrupted right behind a step
+                run.figures = run.meter.figures()
+                for n in run.measure():
+                    bar.update(n)
                 run.judge()
-            except StepError as error:
-                run.failure = error
+            except StepError as failure:
+                run.failure = failure
             finally:
                 figures = run.close()
     if run.failure is not None:
@@ -276,12 +312,17 @@ def simulate(
         raise StepError(f'{run.failure}; {where}') from run.failure
     if run.signal:
         kept = f'; the recording in {directory} is complete up to there' if directory is not None else ''
-        at = f't = {simulation.t_ns * 1e-9:g} s (step {simulation.k})'
-        raise KeyboardInterrupt(f'interrupted at {at}{kept}', run.signal)
+        at = f'at t = {simulation.t_ns * 1e-9:g} s (step {simulation.k})'
+        if simulation.k == steps:
+            at, kept = 'while the numerical error was measured', kept.replace('up to there', 'without it')
+        raise KeyboardInterrupt(f'interrupted {at}{kept}', run.signal)
     return {
         'status': run.status,
         'findings': report(run.found),
         'covered': report(run.covered),
+        'explaining': report(run.explaining),
+        'errors': run.error.report(),
+        'error_text': run.error.text,
         'passed': passes(simulation, run.found),
         **figures,
         **(run.balances.report() if run.balances else {}),

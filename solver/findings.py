@@ -96,7 +96,7 @@ class LevelReport:
     lost: modes and effects that it does not model, in words. absent: channels of the full vehicle that it does not
     publish. validity: where it holds. switched: every subsystem of the vehicle. errors: the error sheet, where it has
     been measured. certified: what would make a run suspect, but was there too where the plan that certifies it has
-    measured its errors (solver.analysis.certificate_coverage).
+    measured its errors (solver.analysis.certificate_coverage). certificate: hash of the plan.
     """
 
     lost: tuple[str, ...] = ()
@@ -105,3 +105,4 @@ class LevelReport:
     switched: tuple[Switched, ...] = ()
     errors: tuple[ErrorFigure, ...] | None = None
     certified: tuple[Certified, ...] = ()
+    certificate: str = ''

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 from collections.abc import Callable
-from typing import cast, final
+from typing import Any, cast, final
 
 import numpy as np
 
@@ -37,11 +38,19 @@ class Simulation:
     make: the engine of the scene; solver.simulation_of() chooses it. level: what the model leaves out of the vehicle it was derived from
     (None: it is the model of the scene as given). channels: the names of what a Snapshot holds. k: steps since the start. h: step [s].
     displaced: it was placed somewhere, renumbered or restored since its start, so not even
-    step 0 need be that of the scene. start: what the search for the start changed. Raises SpecError, SceneError or ConsistencyError on
+    step 0 need be that of the scene. start: what the search for the start changed. like: a simulation of this scene with other settings of
+    the integrator, whose start is taken instead of sought. Raises SpecError, SceneError or ConsistencyError on
     construction and StepError from advance(); each is one sentence.
     """
 
-    def __init__(self, scene: Scene, make: Callable[[Scene], Engine] = Stepping, *, level: LevelReport | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        make: Callable[[Scene], Engine] = Stepping,
+        *,
+        level: LevelReport | None = None,
+        like: Simulation | None = None,
+    ) -> None:
         if scene.reduced:
             raise SpecError(f'fidelity = {scene.fidelity!r}: Simulation simulates models as given; use simulation_of(scene)')
         self.scene, self.level, self._make = scene, level, make
@@ -59,7 +68,12 @@ class Simulation:
         )  # fmt: skip
         self._require_followed()
         self._applied: np.ndarray | None = None
-        self.start = self.engine.start(np.array(self.sources.reset(), float))
+        inputs = np.array(self.sources.reset(), float)
+        if like is None:
+            self.start = self.engine.start(inputs)
+        else:
+            self.start = like.start
+            self.engine.start_like(like.engine, inputs)
         self.reset()
 
     def _require_followed(self) -> None:
@@ -73,6 +87,14 @@ class Simulation:
     def source(self) -> ManeuverSource | RecordedSource:
         """Source of the inputs that depend on time alone."""
         return self.sources.of_time
+
+    def twin(self, duration: float, **settings: Any) -> Simulation:
+        """A simulation of the same scene from the same start, of another duration [s] and with other settings of the integrator.
+        Raises SpecError."""
+        integrator = dataclasses.replace(self.scene.integrator, **settings)
+        return Simulation(
+            dataclasses.replace(self.scene, duration=duration, integrator=integrator), self._make, level=self.level, like=self
+        )
 
     # -- time ----------------------------------------------------------------------------------------------------------
 

@@ -112,6 +112,16 @@ class Run:
         return self._said('findings', list, dict)
 
     @property
+    def errors(self) -> dict[str, dict[str, Any]]:
+        """Numerical error of the run by quantity (solver.analysis.error_bar), where it was measured. Raises BagError."""
+        return self._said('errors', dict, dict)
+
+    @property
+    def error_text(self) -> str:
+        """Sentence on the numerical error of the run."""
+        return self.metadata.get('error_text', 'The numerical error was not measured: the recording says nothing of it')
+
+    @property
     def joint_kinds(self) -> dict[str, str]:
         """Joint coordinate -> 'rotation' or 'translation', where the recording tells. Raises BagError."""
         return self._said('joint_kinds', dict, str)

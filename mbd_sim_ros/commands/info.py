@@ -1,4 +1,4 @@
-"""mbd info: what a scene consists of, and what became of the keys of a tire file."""
+"""mbd info: what a scene consists of, what became of the keys of a tire file, and what a recording says of its run."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ STANDING = 'vehicle: {}\nstart: {{kind: equilibrium}}\nduration: 1\n'  # a vehic
 
 def add(parsers: Any) -> None:
     """Declare the command."""
-    what = 'show what a scene, a vehicle or a tire file (.tir) consists of'
-    parser = declare(parsers, 'info', run, what, 'mbd info slider_crank\n  mbd info compact_fwd\n  mbd info my_car.yaml')
-    add_scene(parser, 'path of a scene, vehicle or tire file, or a name in config/scenes, config/vehicles or (with .tir) config/tires')
+    what = 'show what a scene, a vehicle, a tire file (.tir) or a recording consists of'
+    parser = declare(parsers, 'info', run, what, 'mbd info slider_crank\n  mbd info compact_fwd\n  mbd info bags/run')
+    add_scene(
+        parser, 'path of a scene, vehicle, tire file or recording, or a name in config/scenes, config/vehicles or (with .tir) config/tires'
+    )
     parser.add_argument(
         '--brief', action='store_true', help='leave out the figures of a vehicle and the errors of its level, which take seconds'
     )
@@ -44,6 +46,8 @@ def run(args: argparse.Namespace) -> Result:
 
     if args.scene.lower().endswith('.tir'):
         return _tire_file(args)
+    if args.scene.lower().endswith('.mcap') or (os.path.isdir(args.scene) and any(Path(args.scene).glob('*.mcap'))):
+        return _recording(args)
     scene = _scene(args.scene, args.overrides)
     if args.resolved:
         return Result(data={'status': 'ok', 'scene': scene.name, 'resolved': scene.resolved}, text=scene.resolved.rstrip())
@@ -124,6 +128,26 @@ def _tire_file(args: argparse.Namespace) -> Result:
     equations = f'{data.version // 10}.{data.version % 10}'
     head = table([('tire', data.name), ('equations', equations), ('side', data.side), ('turn slip', turning), *_counts(found)])
     return Result(data=object_ | {'warnings': said}, text='\n'.join([head, *said, '', table(rows)]))
+
+
+def _recording(args: argparse.Namespace) -> Result:
+    """The run in a recording: its scene, verdict and numerical error."""
+    from mbd_sim_ros.bags.reader import read
+    from solver.errors import SceneError
+
+    for name, given in (('--set', args.overrides), ('--urdf', args.urdf), ('--resolved', args.resolved)):
+        if given:
+            raise SceneError(f'{args.scene}: {name} is for a scene, not for a recording')
+    run = read(args.scene, ('cmd_applied/*',))
+    known: dict[str, Any] = {key: run.metadata[key] for key in ('scene', 'created', 'code_version', 'seed') if key in run.metadata}
+    verdict = run.metadata.get('status', 'unknown')
+    duration = float(run.time[-1] - run.time[0]) if len(run.time) else 0.0
+    data: dict[str, Any] = {'status': 'ok', 'verdict': verdict, **known, 'duration': duration}
+    data |= {'findings': run.findings, 'errors': run.errors, 'error_text': run.error_text}
+    rows = [('recording', args.scene), ('verdict', verdict), ('error', run.error_text)]
+    rows += [*((key.replace('_', ' '), text) for key, text in known.items()), ('duration', f'{duration:g} s')]
+    rows += [('SUSPECT', str(one.get('text', one))) for one in run.findings]
+    return Result(data=data, text=table(rows))
 
 
 def _counts(found: list[Entry]) -> list[tuple[str, str]]:

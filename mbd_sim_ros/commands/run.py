@@ -33,6 +33,10 @@ def add(parsers: Any) -> None:
     add_scene(parser)
     add_keys(parser, *KEYS)
     parser.add_argument('--balance', action='store_true', help='also give the energy balance of every kind of element, and of momentum')
+    error = parser.add_mutually_exclusive_group()
+    error.add_argument(
+        '--no-error', action='store_true', help='do not measure the numerical error, which takes half the steps again; the verdict says so'
+    )
     where = parser.add_mutually_exclusive_group()
     where.add_argument('--out', metavar='DIR', type=Path, help='new directory for the recording (default: bags/<scene>-<date>)')
     where.add_argument('--no-record', action='store_true', help='record nothing')
@@ -50,7 +54,8 @@ def run(args: argparse.Namespace) -> Result:
     scene = load_scene(args.scene, overrides_of(args))
     simulation = simulation_of(scene)
     directory = None if args.no_record else args.out or new_directory(scene.name)
-    data = simulate(simulation, simulation.scene.steps, directory=directory, progress=not args.json, balance=args.balance)
+    options: dict[str, Any] = {'progress': not args.json, 'balance': args.balance, 'error': not args.no_error}
+    data = simulate(simulation, simulation.scene.steps, directory=directory, **options)
     covered = data.pop('covered')
     data = {'scene': scene.name, **data, 'start': simulation.start.report()}
     if told := told_of_tires(scene.model.tires) + told_of_fit(scene.model):
@@ -70,6 +75,7 @@ def run(args: argparse.Namespace) -> Result:
 def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, Any]] = ()) -> str:
     """The figures of a run for people. start: what it changed of what is given. covered: findings that the certificate of a plan covers."""
     rows = [('verdict', data['status']), ('start', start)]
+    rows.append(('error', data['error_text']))
     rows += [(key.replace('_', ' '), _shown(data[key], form)) for key, form in FIGURES.items() if key in data]
     if data['rejected']:
         tried = f'{data["rejected"]} attempts at a step failed or were too inaccurate'
@@ -89,7 +95,18 @@ def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, An
         rows += [('note', Finding(**found).covered_for(required)) for found in covered]
     rows += [('tire', sentence) for sentence in data.get('tires', ())]
     rows += [('REQUIREMENT' if found['required'] else 'SUSPECT', found['text']) for found in data['findings']]
+    rows += _explained(data)
     return table(rows)
+
+
+def _explained(data: dict[str, Any]) -> list[tuple[str, str]]:
+    """Rows on findings in whose place the measured error decides."""
+    from solver.checks.error import NUMERICAL_ERROR
+    from solver.findings import Finding
+
+    if any(found['quantity'] == NUMERICAL_ERROR.name for found in data['findings']):
+        return [('because', found['text']) for found in data['explaining']]
+    return [('note', f'{Finding(**found).fact}: the numerical error is small all the same') for found in data['explaining']]
 
 
 def _shown(value: float, form: str) -> str:

@@ -87,7 +87,7 @@ def diagnosis(
     if unpublished:
         values['publishing dropped'] = ', '.join(f'{topic} {count}' for topic, count in unpublished.items())
         problems.append(f'publishing takes longer than publish_budget: dropped {values["publishing dropped"]}')
-    suspect, covered = _weighed(loop.simulation, envelope)
+    suspect, covered, _ = _weighed(loop.simulation, envelope)
     values['findings'] = len(suspect)
     values['verdict'] = status_of(suspect)
     if covered:

@@ -15,11 +15,12 @@ another setting.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import findings
+from solver.analysis.error_bar import NOT_ASKED, ErrorBar
+from solver.analysis.verdict import decided, findings
 from solver.checks.registry import BY_NAME
 from solver.findings import Certified, Finding
 from solver.simulation import Simulation
@@ -30,20 +31,29 @@ WORSE = 0.1
 
 
 class Weighed(NamedTuple):
-    """suspect: what makes a run suspect. covered: what would, but for the certificate of its plan."""
+    """suspect: what makes a run suspect. covered: what would, but for the certificate of its plan. explaining: what
+    would, had the error not been measured (solver.analysis.verdict)."""
 
     suspect: list[Finding]
     covered: list[Finding]
+    explaining: Sequence[Finding] = ()
 
 
 def weighed(
-    simulation: Simulation, envelope: Envelope | None = None, real_time_factor: float | None = None, *, ended: bool = True
+    simulation: Simulation,
+    envelope: Envelope | None = None,
+    real_time_factor: float | None = None,
+    *,
+    ended: bool = True,
+    error: ErrorBar = NOT_ASKED,
 ) -> Weighed:
-    """All findings of the run so far, by whether the certificate of its plan covers them. ended: see Envelope.findings."""
-    found = findings(simulation, real_time_factor) + ([] if envelope is None else envelope.findings(ended=ended))
+    """All findings of the run so far, by whether its error or the certificate of its plan takes their place. ended: see
+    Envelope.findings."""
+    found, explaining = decided(findings(simulation, real_time_factor), error)
+    found += [] if envelope is None else envelope.findings(ended=ended)
     certified = () if simulation.level is None else simulation.level.certified
     covered = [finding for finding in found if any(covers(one, finding) for one in certified)]
-    return Weighed([finding for finding in found if finding not in covered], covered)
+    return Weighed([finding for finding in found if finding not in covered], covered, explaining)
 
 
 def covers(certified: Certified, finding: Finding) -> bool:

@@ -2,20 +2,21 @@
 
 Quantities, limits and reasons stand with the checks (solver.checks, listed in solver.checks.registry). A limit that the
 scene itself requires (`require`) replaces the default of that check. Other things that no vehicle can do are seen in
-its motion (solver.analysis.envelope).
+its motion (solver.analysis.envelope). Where a twin has measured the error of the run, the error decides (decided()).
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from solver.analysis.error_bar import ErrorBar
 from solver.analysis.turned import caused
 from solver.checks.account import CONTRADICTION
 from solver.checks.check import Evidence
-from solver.checks.registry import CHECKS
+from solver.checks.registry import BY_NAME, CHECKS
 from solver.findings import Finding
 from solver.simulation import Simulation
 from solver.start.reach import beyond_reach
@@ -30,6 +31,21 @@ def findings(simulation: Simulation, real_time_factor: float | None = None) -> l
     return _explained(simulation, found) if simulation.of_bodies else found
 
 
+def decided(found: Sequence[Finding], error: ErrorBar) -> tuple[list[Finding], list[Finding]]:
+    """(findings that decide, findings that explain), by the error of the run.
+
+    Where a twin has measured the error it decides, and what says that steps, iterations or numbers are too coarse
+    explains it: a run is not wrong because it might be. What both runs may have in common (another branch, open joints,
+    signals that steps do not see, states that no vehicle can be in, the range of a level), and what a scene requires,
+    decides all the same. Without a twin all findings decide.
+    """
+    if not error.measured:
+        return [*found], []
+    explains = [not finding.required and BY_NAME[finding.quantity].seen_by_twin for finding in found]
+    deciding = [finding for finding, one in zip(found, explains, strict=True) if not one]
+    return [*error.findings, *deciding], [finding for finding, one in zip(found, explains, strict=True) if one]
+
+
 def status_of(suspect: Collection[Finding], *, failed: bool = False, interrupted: bool = False) -> str:
     """The status of a run: the one rule for whoever tells it (run, node, sweep, studies).
 
@@ -39,12 +55,12 @@ def status_of(suspect: Collection[Finding], *, failed: bool = False, interrupted
     return ERROR if failed else INTERRUPTED if interrupted else SUSPECT if suspect else OK
 
 
-def passes(simulation: Simulation, found: list[Finding]) -> bool:
+def passes(simulation: Simulation, found: Sequence[Finding]) -> bool:
     """True where the scene allows a run with these findings."""
     return all(simulation.scene.require.allow_suspect and not finding.required for finding in found)
 
 
-def report(found: list[Finding]) -> list[dict[str, Any]]:
+def report(found: Sequence[Finding]) -> list[dict[str, Any]]:
     """Findings as objects for JSON."""
     return [asdict(finding) for finding in found]
 

@@ -62,6 +62,7 @@ ENERGY_ERROR_MAX = Check(
     remedy='The step is too long for what is stiff or fast: reduce integrator.h, or find what is too stiff or too fast',
     require='energy_error_max',
     unresolved=True,
+    seen_by_twin=True,
 )
 
 

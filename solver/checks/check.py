@@ -94,7 +94,9 @@ class Check:
     is a whole number. least: the value must be no less than the limit. plan: what a plan makes of a finding
     (solver.analysis.certificate_coverage): 'broken' forbids a setting, 'coarse' is covered where it was measured,
     'scene' belongs to the scene whatever its setting. anywhere: a plan that covers it does so at every place.
-    unresolved: it says that steps are too long for the motion. turned: it may come from a body without inertia that is
+    unresolved: it says that steps are too long for the motion. seen_by_twin: what it warns of differs between a run and
+    its twin with another step, so where a twin was made the error decides, and this explains it (solver.analysis.verdict).
+    turned: it may come from a body without inertia that is
     turned (solver.analysis.turned).
     """
 
@@ -111,6 +113,7 @@ class Check:
     plan: Literal['broken', 'coarse', 'scene'] = 'broken'
     anywhere: bool = False
     unresolved: bool = False
+    seen_by_twin: bool = False
     turned: bool = False
 
     def __post_init__(self) -> None:

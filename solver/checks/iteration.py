@@ -46,6 +46,7 @@ RESIDUAL_MAX = Check(
     remedy='Reduce integrator.h, or take more integrator.iterations',
     require='residual_max',
     turned=True,
+    seen_by_twin=True,
 )
 
 
@@ -64,6 +65,7 @@ UNSETTLED = Check(
     reason='the iterations of many steps did not settle',
     remedy='Reduce integrator.h, or take more integrator.iterations',
     turned=True,
+    seen_by_twin=True,
 )
 
 

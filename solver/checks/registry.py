@@ -6,6 +6,7 @@ from typing import Any
 
 from solver.checks.account import CONTRADICTION, ENERGY_ERROR_MAX, NOT_FINITE, UNSEEN
 from solver.checks.check import Check
+from solver.checks.error import NUMERICAL_ERROR
 from solver.checks.inputs import INPUT, RECORDED_INPUTS
 from solver.checks.iteration import POSITION_DRIFT_MAX, RESIDUAL_MAX, UNSETTLED, VELOCITY_DRIFT_MAX
 from solver.checks.level import ENVELOPE, VALIDITY
@@ -27,6 +28,7 @@ from solver.checks.vehicle import (
 )
 
 CHECKS: tuple[Check, ...] = (
+    NUMERICAL_ERROR,
     NOT_FINITE,
     ENERGY_ERROR_MAX,
     RESIDUAL_MAX,

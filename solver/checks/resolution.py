@@ -78,6 +78,7 @@ RESOLUTION = Check(
     plan='coarse',
     unresolved=True,
     turned=True,
+    seen_by_twin=True,
 )
 
 
@@ -104,6 +105,7 @@ PHASE = Check(
     plan='coarse',
     unresolved=True,
     turned=True,
+    seen_by_twin=True,
 )
 
 
@@ -125,4 +127,5 @@ TURN_PER_STEP = Check(
     plan='coarse',
     anywhere=True,
     turned=True,
+    seen_by_twin=True,
 )

@@ -85,6 +85,7 @@ LIGHT_BODY = Check(
     measure=light_body,
     reason='rounding of the condensed matrix hides the inertia of {where}, which is light beside the others',
     remedy='Give it more mass, or none where constraints determine its motion',
+    seen_by_twin=True,
 )
 
 
@@ -107,4 +108,5 @@ DISTANCE = Check(
     measure=distance,
     reason='{where} is so far from the origin that rounding of its place shows in its velocity',
     remedy='Move the model nearer to the origin, or take a larger integrator.h',
+    seen_by_twin=True,
 )

@@ -83,6 +83,9 @@ class Engine(Protocol):
     def start(self, u: np.ndarray) -> Changes:
         """Find the state at t = 0 under the inputs there, and what that changed. Raises ConsistencyError."""
 
+    def start_like(self, other: Any, u: np.ndarray) -> None:
+        """Take the start that another engine of this class has found for the same scene with another step."""
+
     def reset(self, u: np.ndarray) -> None:
         """Back to the state that start() found, bit for bit."""
 

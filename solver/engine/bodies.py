@@ -68,7 +68,7 @@ class Bodies:
         self._account = Ref(self.work.account)
         self._frame = Ref(frame)
         self.states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
-        self._initial = new_state(self.model)
+        self._initial, self._consistent = new_state(self.model), new_state(self.model)
         watched = scene.record.branches or BRANCH_SWITCHES.require in scene.require.limits
         self.branches = BranchWatch() if watched else None
         self.rescued: list[BranchSwitch] = []
@@ -91,11 +91,21 @@ class Bodies:
     def start(self, u: np.ndarray, explain: Callable[[StepResult], str]) -> Changes:
         """Find the consistent state at t = 0 and keep it. explain: says why a step that seeks it failed. Raises ConsistencyError."""
         values = cast(Scheme, self.scheme.value)
-        found = InitialConditions(
+        conditions = InitialConditions(
             self.scene, self.model, self.states, values, u, chassis=self.chassis, work=self.work, explain=explain
-        ).find()  # fmt: skip
+        )  # fmt: skip
+        found = conditions.find()
+        copy_state(conditions.consistent, self._consistent)
         copy_state(self.state, self._initial)
         return found
+
+    def start_like(self, other: Bodies, u: np.ndarray) -> None:
+        """Take the start that other bodies of the same model have found; the integrator begins from it with the step of these."""
+        values = cast(Scheme, self.scheme.value)
+        copy_state(other._consistent, self._consistent)
+        copy_state(other._consistent, self.state)
+        ConsistentState(self.model).start_integrator(self.state, u, values.h, values.am, values.af)
+        copy_state(self.state, self._initial)
 
     def reset(self) -> None:
         """Back to the state that start() found."""

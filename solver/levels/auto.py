@@ -144,4 +144,4 @@ def certificate_of(scene: Scene) -> Certificate | None:
 def with_certificate(report: LevelReport, certificate: Certificate) -> LevelReport:
     """The report on a level, with where a certificate holds and what it covers."""
     validity = (*report.validity, *certificate.envelope)
-    return dataclasses.replace(report, validity=validity, certified=certificate.certified)
+    return dataclasses.replace(report, validity=validity, certified=certificate.certified, certificate=certificate.hash)

@@ -214,6 +214,11 @@ class SingleTrack:
         self.y = self._at_start.copy()
         return Changes(kind=self.scene.start.kind)
 
+    def start_like(self, other: SingleTrack, u: np.ndarray) -> None:
+        """See Engine.start_like()."""
+        self._at_start = other._at_start.copy()
+        self.y = self._at_start.copy()
+
     def _settled(self, straight: np.ndarray, given: np.ndarray) -> np.ndarray:
         """(SIZE,) state at the start of what rolls `straight` (SIZE,): that, or where it is steered by the inputs
         `given` (nu,) from t = 0 on, already in its bend.

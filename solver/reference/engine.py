@@ -45,6 +45,10 @@ class Following:
         """Find the consistent state at t = 0. Raises ConsistencyError."""
         return self.shown.start(u, lambda result: self.shown.failure(result, instant(self.scene, 0)))
 
+    def start_like(self, other: Following, u: np.ndarray) -> None:
+        """See Engine.start_like()."""
+        self.shown.start_like(other.shown, u)
+
     def reset(self, u: np.ndarray) -> None:
         """Back to the start."""
         self.shown.reset()

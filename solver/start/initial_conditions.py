@@ -65,6 +65,7 @@ class InitialConditions:
     ) -> None:
         self.scene, self.model, self.states, self.method, self.inputs = scene, model, states, method, inputs
         self.chassis, self.work, self.explain = chassis, work, explain
+        self.consistent = new_state(model)  # what find() found, before the integrator's part of it, which belongs to its step
 
     @property
     def state(self) -> State:
@@ -126,6 +127,7 @@ class InitialConditions:
             moves = self._moves(u)
             calculation.project_velocity(self.state, without_brakes(self.model, u) if moves else u, hold=HELD if moves else 0.0)
         changed = changes(self.model, start.kind, placed, given, self.state, wanted=bool(rates), speed=start.speed)
+        copy_state(self.state, self.consistent)
         calculation.start_integrator(self.state, u, method.h, method.am, method.af)
         return changed
 

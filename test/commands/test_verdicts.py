@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 from pathlib import Path
 
 import pytest
 
+from mbd_sim_ros import interrupts
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.node.main import prepare
+from solver.analysis.error_bar import Twin
 from solver.files.scene import load_scene_text
 
 SARRUS = """
@@ -94,7 +97,8 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str], scene: str, *overrid
 def test_energy_from_nowhere_is_suspect_and_a_smaller_step_is_not(tmp_path, capsys, scene, bad, good) -> None:
     code, data = run(tmp_path, capsys, scene, *bad)
     assert (code, data['status']) == (1, 'suspect')
-    found = {f['quantity']: f for f in data['findings']}['energy_error_max']
+    assert data['findings'][0]['quantity'] == 'numerical_error'
+    found = {f['quantity']: f for f in data['explaining']}['energy_error_max']
     assert found['value'] == data['energy_error_max'] > found['limit']
     assert 0.0 < found['time'] <= data['simulated_time']
     assert 'integrator.h' in found['text']
@@ -113,9 +117,12 @@ def test_the_limit_of_energy_is_that_of_a_resolved_oscillation(tmp_path, capsys,
 def test_a_body_that_turns_too_far_in_a_step_is_named(tmp_path, capsys) -> None:
     body = 'mechanism:\n  bodies: {rotor: {mass: 1, inertia: [1, 1, 1], angular_velocity: [0, 0, 1200]}}\nduration: 0.1\n'
     code, data = run(tmp_path, capsys, body)
-    (found,) = data['findings']
-    assert (code, found['quantity'], found['where']) == (1, 'turn_per_step', "body 'rotor'")
+    (found,) = data['explaining']
+    assert (code, data['findings'], found['quantity'], found['where']) == (0, [], 'turn_per_step', "body 'rotor'")
     assert found['value'] == pytest.approx(1.2)
+    code, data = document(capsys, 'run', str(tmp_path / 'scene.yaml'), *QUICK, '--no-error')
+    assert (code, data['findings'], data['errors']) == (1, [found], {})
+    assert 'not measured' in data['error_text']
 
 
 @pytest.mark.parametrize(('speed', 'turned'), [(28.0, 2.8), (31.0, 3.1), (60.0, math.pi)])
@@ -162,7 +169,8 @@ def test_a_scene_may_allow_it_or_set_its_own_limit(tmp_path, capsys) -> None:
     assert (code, data['status']) == (0, 'suspect')
     wide = 'require={energy_error_max: 1, residual_max: 0.1, allow_suspect: true}'
     code, data = run(tmp_path, capsys, STOP, bad, wide)
-    assert [f['quantity'] for f in data['findings']] == ['unsettled', 'resolution', 'phase']
+    assert [f['quantity'] for f in data['findings']] == ['numerical_error']
+    assert [f['quantity'] for f in data['explaining']] == ['unsettled', 'resolution', 'phase']
     assert code == 0
     code, data = run(tmp_path, capsys, STOP, 'integrator.h=0.0005', 'require={residual_max: 1.0e-15, allow_suspect: true}')
     assert (code, data['status'], data['findings'][0]['required']) == (1, 'suspect', True)
@@ -176,7 +184,8 @@ def test_the_text_says_verdict_and_reason(tmp_path, capsys) -> None:
     assert code == 1
     assert 'verdict' in text.splitlines()[0]
     assert 'suspect' in text.splitlines()[0]
-    assert any(line.startswith('SUSPECT') and 'energy account misses' in line for line in text.splitlines())
+    assert any(line.startswith('SUSPECT') and 'The numerical error of position is' in line for line in text.splitlines())
+    assert any(line.startswith('because') and 'energy account misses' in line for line in text.splitlines())
 
 
 def test_the_recording_holds_the_verdict(tmp_path, capsys) -> None:
@@ -185,7 +194,34 @@ def test_the_recording_holds_the_verdict(tmp_path, capsys) -> None:
     document(capsys, 'run', str(path), '--out', str(tmp_path / 'r'), '--set', 'integrator.h=0.005')
     metadata = bag.read(tmp_path / 'r').metadata
     assert metadata['status'] == 'suspect'
-    assert json.loads(metadata['findings'])[0]['quantity'] == 'energy_error_max'
+    assert json.loads(metadata['findings'])[0]['quantity'] == 'numerical_error'
+    assert json.loads(metadata['explaining'])[0]['quantity'] == 'energy_error_max'
+    assert json.loads(metadata['errors'])['position']['unit'] == 'm'
+    assert metadata['error_text'].startswith('Numerical error (')
+    code, data = document(capsys, 'info', str(tmp_path / 'r'))
+    assert (code, data['verdict'], data['errors']) == (0, 'suspect', json.loads(metadata['errors']))
+    assert metadata['error_text'] in output(capsys, 'info', str(tmp_path / 'r'))[1]
+    assert output(capsys, 'info', str(tmp_path / 'r'), '--set', 'duration=1')[0] == 2
+
+
+def test_an_interrupt_while_the_error_is_measured_leaves_the_recording_whole(tmp_path, capsys, monkeypatch) -> None:
+    path = tmp_path / 'scene.yaml'
+    path.write_text(OSCILLATOR)
+    made = Twin._made
+
+    def interrupted(self, ratio, most):
+        for n in made(self, ratio, most):
+            monkeypatch.setattr(interrupts, '_number', signal.SIGINT)
+            yield n
+
+    monkeypatch.setattr(Twin, '_made', interrupted)
+    code, text, said = output(capsys, 'run', str(path), '--out', str(tmp_path / 'r'))
+    assert code == 128 + signal.SIGINT
+    assert 'interrupted while the numerical error was measured; the recording in' in text + said
+    run = bag.read(tmp_path / 'r')
+    assert (run.metadata['status'], run.errors) == ('ok', {})
+    assert run.error_text == 'The numerical error was not measured: the measurement was interrupted'
+    assert run['cmd_applied/step'][-1] == 1000
 
 
 def test_a_start_that_moves_bodies_is_told_by_run_and_info(tmp_path, capsys) -> None:
@@ -270,7 +306,7 @@ def test_what_is_made_of_a_suspect_recording_says_so(tmp_path, capsys) -> None:
     _, text, _ = output(
         capsys, 'compare', str(tmp_path / 'coarse'), str(tmp_path / 'good'), '--allow-missing', '--html', str(tmp_path / 'p')
     )
-    assert text.startswith('coarse: the run is suspect: ') and 'energy account misses' in text.splitlines()[0]
+    assert text.startswith('coarse: the run is suspect: ') and 'numerical error of position' in text.splitlines()[0]
     assert 'good: the run' not in text
     assert 'coarse: the run is suspect' in (tmp_path / 'p').read_text()
     _, data = document(capsys, 'compare', str(tmp_path / 'coarse'), str(tmp_path / 'good'), '--allow-missing')

@@ -221,7 +221,7 @@ def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytes
 
     spent = []
 
-    monkeypatch.setattr('mbd_sim_ros.batch.weighed', lambda *_: Weighed([], []))  # a stand-in keeps no account
+    monkeypatch.setattr('mbd_sim_ros.batch.weighed', lambda *_, **__: Weighed([], []))  # a stand-in keeps no account
     monkeypatch.setattr('mbd_sim_ros.batch.require_finite', lambda *_: None)  # and shows nothing
 
     class Slow:

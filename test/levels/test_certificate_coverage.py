@@ -63,7 +63,7 @@ def test_what_the_certified_runs_had_is_noted_and_what_they_had_not_is_suspect(k
     assert {'turn_per_step'} <= {one.quantity for one in alone} <= set(COARSE)
     for scene in (kept(alone), solver.files.scene.load_scene_text(chosen(kept(alone), PLAN).resolved, 'scene.yaml')):
         simulation = run(scene)
-        suspect, covered = weighed(simulation, Envelope(simulation))
+        suspect, covered, _ = weighed(simulation, Envelope(simulation))
         assert suspect == []
         assert covered == alone
     others = [one for one in alone if one.quantity != 'turn_per_step']
@@ -126,7 +126,8 @@ def test_what_is_broken_is_never_covered_and_forbids_a_setting(quantity: str) ->
 
 def test_what_is_covered_is_told_with_its_numbers_and_without_a_remedy() -> None:
     one = finding(value=1.3)
-    data = {'status': 'ok', 'rejected': 0, 'out': None, 'findings': [], 'accuracy': {'required': ['yaw_rate'], 'certificate': 'abc'}}
+    told = {'findings': [], 'explaining': [], 'error_text': ''}
+    data = {'status': 'ok', 'rejected': 0, 'out': None, **told, 'accuracy': {'required': ['yaw_rate'], 'certificate': 'abc'}}
     (note,) = [line for line in describe(data, 'as placed', [asdict(one)]).splitlines() if line.startswith('note')]
     said = 'A body turns too far in a step (turn_per_step 1.3 rad, limit 1 rad): covered by the certificate, whose plan has measured'
     assert note.removeprefix('note').strip() == f'{said} the effect on yaw_rate'

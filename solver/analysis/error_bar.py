@@ -1,0 +1,320 @@
+"""Error bar of a run: its numerical error by quantity, from a twin with another step.
+
+The twin simulates the same scene from the same start with the double step, which is half the work again. Where the error
+falls with the power p of the step, the error of the run is (x_h - x_2h) / (2^p - 1) [Richardson1911]: p is 2, 4 with
+`order: 4`, and 1 where a driver or an assistance looks once a step. With steps shorter by r, for runs of few steps and
+where the double one fails, it is (x_h - x_h/r) r^p / (r^p - 1). Both runs are compared at common instants, evenly spread,
+and closer at the beginning, where what no step resolves has not been damped yet.
+
+With error control (`step_policy: error`) the steps follow a tolerance, whose root they are: the twin has r^2 times of it
+and a grid of r steps. Recorded inputs are those of the run, or the means of those of two steps. A reference integrator
+controls its own error, and has no twin.
+
+*Not asymptotic*: where both runs are apart by more than COARSE of the peak the estimate is a lower bound, and may be the
+error of the twin alone, which a step of the double size may shake. A run that is suspect by that has a second twin, with
+half the step.
+*Sensitive*: the distance of both runs grew by more than GROWN in the second half of the time that it took to become
+COARSE, LONG steps at least, and not at once. No power of time up to the sixth does that: it grows exponentially, and
+shorter steps only delay it. From when the error reaches its limit only statistics of the motion hold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from solver.analysis.departures import departure
+from solver.analysis.error_curves import Curve, curves_of
+from solver.checks.check import Measured
+from solver.checks.error import LIMITS, NUMERICAL_ERROR
+from solver.errors import MbdError
+from solver.findings import Finding
+from solver.output.snapshot import Snapshot
+from solver.quantities import quantity
+from solver.scene import Accuracy
+from solver.simulation import Simulation
+from solver.vehicle.size import size_of
+
+MOST = 400  # instants at which two runs are compared; ten times as many would find peaks of a four-thousandth of the run
+FEWEST = 64  # steps of a run whose twin takes the double step: a twin of a tenth as many would resolve nothing
+COARSE = 0.1  # of the peak; with ten times as much both runs have nothing in common
+GROWN = 64.0  # in the second half of a time: 2^6
+LONG = 256  # steps until both runs are COARSE apart: what takes fewer is not resolved, whatever it is
+AT_ONCE = 0.5  # of the growth, in powers, between two instants: an impact, or a singular position
+NEXT = (2, 3, 5, 7)  # parts of a step, of which the first is taken that leaves whole nanoseconds
+PORTION = 100  # steps of a call
+LEADING = ('position', 'orientation', 'yaw_rate', 'lateral_acceleration', 'wheel_load')  # what a sentence names first
+SLACK = 2.0  # to which an estimate is right: a plan has measured the error itself
+UNCONTROLLED = 'a reference integrator controls its own error'
+
+
+@dataclass(frozen=True, kw_only=True)
+class NumericalError:
+    """Error of one quantity over time: the largest and the root mean square [unit].
+
+    share: the largest, of the peak. limit: largest share that a run may have; None: it decides nothing. time: of the
+    largest [s]. where: the wheel or the body that is worst. bound: the error is at least so large.
+    """
+
+    value: float
+    unit: str
+    share: float
+    rms: float
+    peak: float
+    limit: float | None
+    time: float
+    where: str
+    bound: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorBar:
+    """The numerical error of a run. twin: how it was measured, '' where it was not. why: it was not measured, or more
+    there is to know. findings: what of it makes the run suspect. sensitive: time [s] from which on only statistics of
+    the motion hold."""
+
+    twin: str = ''
+    why: str = ''
+    errors: dict[str, NumericalError] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+    sensitive: float | None = None
+
+    @property
+    def measured(self) -> bool:
+        """True where a twin was made."""
+        return bool(self.twin)
+
+    @property
+    def doubtful(self) -> bool:
+        """True where the run is suspect by a lower bound that may be the error of its twin alone."""
+        beyond = any(error.bound and error.limit is not None and error.share > error.limit for error in self.errors.values())
+        return beyond and bool(self.findings) and self.sensitive is None
+
+    @property
+    def text(self) -> str:
+        """One or two sentences."""
+        if not self.measured:
+            return f'The numerical error was not measured: {self.why}'
+        said = {name: self.errors[name] for name in LEADING if name in self.errors}
+        deciding = {name: e for name, e in self.errors.items() if e.limit}
+        worst = max(deciding, key=lambda name: deciding[name].share / (deciding[name].limit or 1.0))
+        said |= {worst: self.errors[worst]}
+        parts = ', '.join(f'{name.replace("_", " ")} {shown(name, error)}' for name, error in said.items())
+        more = f'. {self.why}' if self.why else ''
+        return f'Numerical error ({self.twin}): {parts}; the model itself is not judged{more}'
+
+    def report(self) -> dict[str, dict[str, Any]]:
+        """By quantity, as objects for JSON."""
+        return {name: asdict(error) for name, error in self.errors.items()}
+
+
+NOT_ASKED = ErrorBar(why='nobody asked for it')
+
+
+def shown(name: str, error: NumericalError) -> str:
+    """An error for people: a length in units, all else as part of the peak."""
+    least = 'at least ' if error.bound else ''
+    share = 'below 0.001 %' if error.share < 1e-5 else f'{100.0 * error.share:.2g} %'
+    if name != 'position':
+        return least + share
+    factor, unit = (1.0, 'm') if error.value >= 0.1 else (1e3, 'mm')
+    return f'{least}{error.value * factor:.2g} {unit} ({share})'
+
+
+class Twin:
+    """The twin of a run that begins at the start of its scene.
+
+    instants: steps of the run whose snapshots note() takes. make() follows the run, result() follows make().
+    """
+
+    def __init__(self, simulation: Simulation, steps: int) -> None:
+        self._run, self._rows = simulation, list[np.ndarray]()
+        self.why = UNCONTROLLED if simulation.engine.follows else ''
+        self.instants = [] if self.why else instants(steps)
+        self._ratio, self.twin = (2.0, 'double step') if steps >= FEWEST else (0.0, '')
+        self._others: list[np.ndarray] = []
+        self.note(simulation.snapshot())
+
+    @property
+    def next(self) -> int | None:
+        """The step whose snapshot is wanted next; None: no more."""
+        return self.instants[len(self._rows)] if len(self._rows) < len(self.instants) else None
+
+    @property
+    def done(self) -> bool:
+        """True where result() has all that it needs, or knows why there is nothing."""
+        return bool(self.why) or len(self._others) == len(self.instants)
+
+    def note(self, snapshot: Snapshot) -> None:
+        """Keep a snapshot of the run where it is the next one wanted."""
+        if snapshot.k == self.next:
+            self._rows.append(snapshot.numbers)
+
+    def make(self, most: Callable[[], int] = lambda: PORTION) -> Iterator[int]:
+        """Make the steps of the twin, no more than most() at a time; gives the number of each call."""
+        if self.why:
+            return
+        coarse = 0.0
+        if self._ratio:
+            try:
+                yield from self._made(self._ratio, most)
+            except MbdError:  # too long a step for this motion
+                pass
+            else:
+                if not self._compared().doubtful:
+                    return
+                coarse = self._ratio
+        finer = next((r for r in NEXT if self._run.h_ns % r == 0), None)
+        if finer is None:
+            if not coarse:
+                self.why = f'integrator.h = {self._run.h:g} s has no half of whole nanoseconds'
+            return
+        others, twin = self._others, self.twin
+        self._ratio, self.twin = 1.0 / finer, 'half step' if finer == 2 else f'step / {finer}'
+        try:
+            yield from self._made(self._ratio, most)
+        except MbdError as error:
+            if coarse:
+                self._others, self._ratio, self.twin = others, coarse, twin
+            else:
+                self.why, self.twin = f'the run with the {self.twin} failed: {error}', ''
+
+    def _made(self, ratio: float, most: Callable[[], int]) -> Iterator[int]:
+        s, given = self._run, self._run.scene.integrator
+        h_ns = round(s.h_ns * ratio)
+        settings: dict[str, Any] = {'h': h_ns * 1e-9}
+        if given.h_min:
+            settings['h_min'] = min(given.h_min, h_ns * 1e-9)
+        if given.step_policy == 'error':
+            settings['error_tolerance'] = given.error_tolerance * ratio * ratio
+        twin = s.twin(self.instants[-1] * s.h, **settings)
+        self._others = [twin.snapshot().numbers]
+        for k in self.instants[1:]:
+            last = k * s.h_ns // h_ns
+            while twin.k < last:
+                n = min(last - twin.k, most())
+                snapshot = twin.advance(n, audit=False)
+                yield n
+            if not np.isfinite(snapshot.numbers).all():
+                raise MbdError(f't = {twin.t_ns * 1e-9:g} s: the motion is no longer finite')
+            self._others.append(snapshot.numbers)
+
+    def result(self) -> ErrorBar:
+        """The error bar, once make() has come to its end."""
+        if self.why or not self.done:
+            return ErrorBar(why=self.why or 'the measurement was interrupted')
+        return self._compared()
+
+    def _compared(self) -> ErrorBar:
+        """The error bar by the numbers of both runs."""
+        s = self._run
+        rows, others, times = np.array(self._rows), np.array(self._others), np.array(self.instants) * s.h
+        p = order(s)
+        factor = 1.0 / (2.0**p - 1.0) if self._ratio > 1.0 else 1.0 / (1.0 - self._ratio**p)
+        errors, distances = {}, {}
+        for curve in curves_of(s):
+            errors[curve.name], distances[curve.name] = _error(curve, times, rows, others, factor)
+        deciding = [name for name in errors if errors[name].limit]
+        together = np.max([distances[name] for name in deciding], axis=0)
+        limit = min(errors[name].limit or math.inf for name in deciding)
+        why, since = _growth(times, together, limit / factor, s.h, 2.0**p)
+        found = _required(s, times, rows, others, factor) if s.scene.require.accuracy else _findings(errors, why)
+        return ErrorBar(twin=self.twin, why=why, errors=errors, findings=tuple(found), sensitive=since)
+
+
+def instants(steps: int) -> list[int]:
+    """Even steps, ascending, at which a run of so many steps is compared with its twin."""
+    pairs = steps // 2
+    spread = {round(pairs * i / MOST) for i in range(1, MOST + 1)} if pairs > MOST else set(range(1, pairs + 1))
+    early, k = [0], 1
+    while k < min(spread, default=0):
+        early.append(k)
+        k = max(k + 1, k * 3 // 2)
+    return [2 * pair for pair in [*early, *sorted(spread)]]
+
+
+def order(simulation: Simulation) -> int:
+    """The power of the step with which the error of a run falls."""
+    sources = simulation.sources
+    if sources.driver is not None or sources.assistant is not None:
+        return 1
+    return simulation.scene.integrator.order
+
+
+def _error(curve: Curve, times: np.ndarray, rows: np.ndarray, others: np.ndarray, factor: float) -> tuple[NumericalError, np.ndarray]:
+    """(error of a quantity, (n,) distance of both runs over time as part of the peak)."""
+    apart, peaks = curve.apart(rows, others), curve.peaks(rows)
+    shares = apart / peaks
+    k, place = np.unravel_index(int(np.argmax(shares)), shares.shape)
+    error = NumericalError(
+        value=float(factor * apart[k, place]), unit=curve.unit, share=float(factor * shares[k, place]),
+        rms=float(factor * np.sqrt(np.mean(apart[:, place] ** 2))), peak=float(peaks[place]), limit=LIMITS.get(curve.name),
+        time=float(times[k]), where=curve.places[place], bound=bool(shares[k, place] > COARSE),
+    )  # fmt: skip
+    return error, shares.max(1)
+
+
+def _growth(times: np.ndarray, shares: np.ndarray, limit: float, h: float, gain: float) -> tuple[str, float | None]:
+    """(sentence on how the distance of both runs grew, time [s] from which on only statistics hold). limit: of the
+    distance. h: step [s]. gain: what half the step makes of an error."""
+    reached = int(np.argmax(shares > COARSE))
+    if not shares[reached] > COARSE or times[reached] < LONG * h:
+        return '', None
+    most = np.maximum.accumulate(shares)
+    half = int(np.searchsorted(times, 0.5 * times[reached], side='right')) - 1
+    most = np.maximum(most, np.finfo(float).eps)
+    grown = most[half : reached + 1] / most[half]
+    if not grown[-1] > GROWN:
+        return '', None
+    jump = np.diff(np.log(grown))
+    worst = int(np.argmax(jump))
+    if jump[worst] > AT_ONCE * math.log(grown[-1]):
+        return (
+            f'It comes at once, at t = {times[half + worst + 1]:.4g} s, from an impact or a singular position there. Reduce integrator.h',
+            None,
+        )
+    since = float(times[int(np.argmax(shares > min(limit, COARSE)))])
+    tenfold = (times[reached] - times[half]) * math.log(10.0) / math.log(grown[-1])
+    later = tenfold * math.log10(gain)
+    told = f'The motion is sensitive: an error grows tenfold in {tenfold:.2g} s'
+    return f'{told}. From t = {since:.4g} s on only its statistics hold; half the step delays that by {later:.2g} s', since
+
+
+def _findings(errors: Mapping[str, NumericalError], why: str) -> Iterator[Finding]:
+    """The quantity that is furthest beyond its published limit."""
+    beyond = {name: e for name, e in errors.items() if e.limit is not None and not e.share <= e.limit}
+    if beyond:
+        name = max(beyond, key=lambda name: beyond[name].share / (beyond[name].limit or 1.0))
+        e = beyond[name]
+        reason = f'the numerical error of {name.replace("_", " ")} is {shown(name, e)}'
+        remedy = why or NUMERICAL_ERROR.remedy
+        assert e.limit is not None
+        yield NUMERICAL_ERROR.finding(
+            Measured(value=100.0 * e.share, limit=100.0 * e.limit, time=e.time, where=e.where, of=name, reason=reason, remedy=remedy)
+        )
+
+
+def _required(s: Simulation, times: np.ndarray, rows: np.ndarray, others: np.ndarray, factor: float) -> Iterator[Finding]:
+    """Limits of accuracy that the scene requires and the numerical error alone breaks."""
+    slack = SLACK if s.level is not None and s.level.certificate else 1.0
+    for name, asked in s.scene.require.accuracy.items():
+        try:
+            q = quantity(name, s.channels, size_of(s.scene.model))
+        except MbdError:
+            continue  # a level that does not publish it
+        yield from _broken(name, asked, departure(q, times, q.of(others[:, q.places]), q.of(rows[:, q.places])), q.unit, factor / slack)
+
+
+def _broken(name: str, asked: Accuracy, apart: Any, unit: str, factor: float) -> Iterator[Finding]:
+    for measure, bound in asked.bounds.items():
+        error = abs(factor * float(getattr(apart, measure)))
+        limit = bound.of(apart.peak) if measure != 'delay' else bound.value
+        if error > limit:
+            unit_ = 's' if measure == 'delay' else unit
+            reason = f'the numerical error of {name.replace("_", " ")} ({measure}) is too large'
+            measured = Measured(value=error, limit=limit, of=f'{name} {measure}', unit=unit_, reason=reason)
+            yield NUMERICAL_ERROR.finding(measured, limit, required=True)
