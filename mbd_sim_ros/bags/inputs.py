@@ -257,7 +257,7 @@ def _block(data: bytes, names: Sequence[str], where: Path) -> np.ndarray:
         raise BagError(f'{where}: the topic {INPUTS.name} holds other inputs ({",".join(labels)}) than {APPLIED}')
     rows = value['data'].reshape(-1, len(labels))
     if not np.isfinite(rows).all():
-        raise BagError(f'{where}: the topic {INPUTS.name} holds what is no number')
+        raise BagError(f'{where}: the topic {INPUTS.name} holds a value that is not finite')
     return rows[:, [labels.index(name) for name in ('step', *names)]]
 
 

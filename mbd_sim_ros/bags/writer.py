@@ -1,7 +1,7 @@
-"""Writing one bag directory: an MCAP file (profile ros2) that describes itself, and its `metadata.yaml`.
+"""Writer of one bag directory: an MCAP file (profile ros2) with its own description, and a `metadata.yaml`.
 
-While it is written the file is named `*.mcap.part`; a finished bag has its final name and `metadata.yaml`, so `ros2 bag` and
-`rosbags` open the directory. log_time and publish_time are simulation time.
+While the file is written, its name is `*.mcap.part`. A finished bag has its final name and `metadata.yaml`, so that
+`ros2 bag` and `rosbags` open the directory. log_time and publish_time are simulation time.
 """
 
 from __future__ import annotations
@@ -21,27 +21,37 @@ from mbd_sim_ros.messages.topics import ELEMENTS, TYPE_HASHES, Topic
 from solver.disk import atomic_write
 from solver.errors import BagError
 
-CHUNK_BYTES = 512 * 1024  # of chunks of the same steps: reading takes what their number takes; a flush makes smaller ones
+# Bytes of the three chunks of the same steps together, after which they are written. The time to read a file goes with
+# the number of its chunks; with ten times as much, more is lost when a process is killed.
+CHUNK_BYTES = 512 * 1024
 WIDE = ('joint_states', 'reactions', 'tire_states', 'body_motions', 'tf')  # topics with a part for every joint, wheel or body
-PART = '.part'
+PART = '.part'  # ending of the name of an unfinished file
 RECORD = 'mbd_sim_ros'  # name of the metadata record that describes the run
-# Format of recordings, `format` in that record. It grows by one when a reader of the format before would misread a recording. A recording
-# without the entry is of mbd_sim_ros 0.1 (format 1). Older formats are read, newer ones are refused (bags/records.py).
+# Format of recordings, `format` in that record. It grows by one when a reader of the format before would misread a
+# recording.
+# A recording without the entry is of mbd_sim_ros 0.1 (format 1). Older formats are read, newer ones are refused
+# (records.py).
 FORMAT = 2
-_Message = tuple[int, int, int, bytes]  # index of its topic, when it was recorded and when published [ns], encoded
-ARRAYS = 'application/x-mbd-arrays'  # media type of attachments with arrays of the scene; named by their hash (solver.stored)
-RESULT = 'mbd_sim_ros_result'  # name of the metadata record written at the end
+# (index of the topic, time of recording [ns], time of publishing [ns], encoded message)
+_Message = tuple[int, int, int, bytes]
+# media type of attachments with arrays of the scene; their name is their hash (solver.stored)
+ARRAYS = 'application/x-mbd-arrays'
+RESULT = 'mbd_sim_ros_result'  # name of the metadata record that is written at the end of a run
 
 
 class BagWriter:
-    """Writes one bag directory, synchronously. Topics are given at once; relative names are put under `/`.
+    """Writes one bag directory, synchronously.
 
-    A chunk holds topics of like weight, so that who wants a light one need not unpack the heavy ones: one of those of one size, one of
-    those with a part for every joint, wheel or body, and one of the states of elements, most of a recording by far. All three are of the
-    same steps and follow each other in this order: what was applied in a step is never behind what came of it.
+    topics: all topics of the bag; a relative name is put under `/`. metadata: record name -> entries. schemas: message
+    type -> definition, for types that are not ours. attachments: hash -> arrays that the scene in the metadata names.
+    directory: must not exist, or be empty.
 
-    attachments: hash -> arrays that the scene in the metadata names. `directory` must not exist or must be empty. Raises BagError, one
-    sentence, whenever the file system refuses.
+    Each chunk holds topics of similar size, so that a reader of small ones need not unpack the large ones. There are
+    three kinds: topics of fixed size; topics with a part for every joint, wheel or body; states of elements, which are
+    most of a recording. Chunks of the same steps follow each other in this order, so that the inputs of a step stand
+    before its results.
+
+    Raises BagError, one sentence, whenever the file system refuses.
     """
 
     def __init__(
@@ -57,8 +67,8 @@ class BagWriter:
         self.topics = [topic._replace(name='/' + topic.name.lstrip('/')) for topic in topics]
         self.path = self.directory / f'{self.directory.name}_0.mcap'
         self.count = [0] * len(topics)
-        self._waiting: tuple[list[_Message], ...] = ([], [], [])  # for a chunk each, the lightest first
-        self._size = 0  # of what waits [bytes]
+        self._waiting: tuple[list[_Message], ...] = ([], [], [])  # messages of the next chunk of each kind
+        self._size = 0  # bytes of these messages
         self._chunk_of = [self._waiting[_weight(topic.name)] for topic in topics]
         self.first_ns: int | None = None
         self.last_ns = 0
@@ -110,8 +120,10 @@ class BagWriter:
         return f'recording to {self.path} failed: {error.strerror or error}; what was written can be recovered from {self.path.name}{PART}'
 
     def write(self, t_ns: int, messages: Iterable[tuple[int, bytes]], published_ns: int | None = None) -> None:
-        """Write messages, given as (index of the topic, encoded message), at simulation time `t_ns`, which is when they were published too,
-        unless that is given."""
+        """Write messages, (index of the topic, encoded message) each, at the simulation time `t_ns` [ns].
+
+        published_ns: publish time [ns], by default `t_ns`.
+        """
         if self.first_ns is None:
             self.first_ns = t_ns
         self.first_ns, self.last_ns = min(self.first_ns, t_ns), max(self.last_ns, t_ns)
@@ -122,7 +134,7 @@ class BagWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Finish the chunks in progress: everything written so far can be recovered if the process is killed."""
+        """Write the chunks in progress, so that all messages so far can be recovered if the process is killed."""
         try:
             for waiting in self._waiting:
                 for index, t_ns, published_ns, data in waiting:
@@ -135,7 +147,8 @@ class BagWriter:
         self._size = 0
 
     def finish(self, result: Mapping[str, str] | None = None) -> Path:
-        """Complete the bag, give it its final name and return its directory. `result` becomes the last metadata record."""
+        """Complete the bag, give the file its final name, and return the directory. result: entries of the last
+        metadata record."""
         try:
             self.flush()
             if result:
@@ -154,14 +167,14 @@ class BagWriter:
         return self.directory
 
     def abandon(self) -> None:
-        """Close the file as it is, under its `.part` name."""
+        """Close the file as it is; its name still ends in `.part`."""
         try:
             self._file.close()
         except OSError:  # the disk is full: the buffered rest cannot be kept
             os.close(self._file.fileno()) if not self._file.closed else None
 
     def _information(self) -> dict[str, Any]:
-        """Return the content of metadata.yaml, version 9 of rosbag2 (Jazzy)."""
+        """Content of metadata.yaml, version 9 of rosbag2 (Jazzy)."""
         start = self.first_ns or 0
         span = {'starting_time': {'nanoseconds_since_epoch': start}, 'duration': {'nanoseconds': self.last_ns - start}}
         total = sum(self.count)
@@ -194,14 +207,14 @@ class BagWriter:
 
 
 def _weight(topic: str) -> int:
-    """Growth of the messages of a topic with the model: 0 not at all, 1 with joints, wheels or bodies, 2 with
+    """Kind of chunk of a topic: 0 for messages of fixed size, 1 if they grow with joints, wheels or bodies, 2 with
     elements."""
     *_, last = words = topic.split('/')
     return 2 if ELEMENTS in words else int(last in WIDE)
 
 
 def quality_of_service(topic: Topic) -> dict[str, Any]:
-    """Return the profile of a topic in the words of rosbag2."""
+    """Quality of service of a topic, in the words of rosbag2."""
     forever = {'sec': 9223372036, 'nsec': 854775807}
     return {
         'history': 'keep_last',

@@ -62,7 +62,7 @@ class _Walk(ABC):
     def field(self, field: Field, value: Any, path: str) -> Any:
         self._fields += 1
         if self._fields > FIELDS_MOST:
-            raise BagError(f'a message of it has more than {FIELDS_MOST} fields')
+            raise BagError(f'a message has more than {FIELDS_MOST} fields')
         if field.size is None and field.kind not in FORMATS:
             return self.string(value) if field.kind == 'string' else self.message(field.kind, value, path)
         if field.kind in FORMATS:

@@ -1,4 +1,4 @@
-"""Results of a sweep: the table, sensitivities, and a report."""
+"""Results of a sweep: the table of all cases, sensitivities of figures to parameters, and a report in HTML."""
 
 from __future__ import annotations
 
@@ -20,13 +20,17 @@ from mbd_sim_ros.sweep.case import Row
 from mbd_sim_ros.sweep.design import SENSITIVITY, Sweep, problem
 from solver.errors import BagError
 
-ROUNDING = 1e-12  # of a figure, or of 1 in SI units: by so much it changes where no parameter changes it
-CLEAR = 0.1  # half width of a confidence interval of Sobol indices, which are shares, without a remark
+# Range of a figure over all cases, relative to its size (or to 1 in SI units), that counts as none: rounding. Ten times
+# as much would hide no effect that matters.
+ROUNDING = 1e-12
+# half width of a 95 % confidence interval of a Sobol index (0 to 1) from which on the report warns of few samples
+CLEAR = 0.1
 COLOURS = {'ok': '#0072b2', 'suspect': '#e69f00', 'error': '#d55e00'}
 
 
 def write_table(rows: Sequence[Row], directory: Path) -> Path:
-    """Write all rows in the order of their cases: sweep.parquet, or sweep.csv where pyarrow is missing. Raises BagError."""
+    """Write all rows in the order of their cases, to sweep.parquet, or to sweep.csv without pyarrow. Raises
+    BagError."""
     columns = {name: [row[name] for row in rows] for name in rows[0]}
     for name, values in columns.items():
         if any(isinstance(value, str) for value in values):
@@ -51,10 +55,13 @@ def write_table(rows: Sequence[Row], directory: Path) -> Path:
 
 
 def sensitivities(sweep: Sweep, rows: Sequence[Row]) -> dict[str, dict[str, dict[str, float]]]:
-    """figure -> parameter -> indices: of a design of kind morris mu_star and sigma (elementary effects of the whole
-    range [Morris1991]), of saltelli S1 and ST (first-order and total [Saltelli2010]), by SALib; nothing of the other
-    kinds, and where a case failed. A name that ends in _conf is the half width of the 95 % confidence interval of the
-    index before it, by bootstrap: of few samples an index may be anything."""
+    """Sensitivity indices: figure -> parameter -> index -> value, by SALib.
+
+    A design of kind morris has mu_star and sigma, of elementary effects over the whole range [Morris1991]. A design of
+    kind saltelli has S1 and ST, first-order and total [Saltelli2010]. Other designs have none, and neither has a figure
+    that no_indices() names. An index with the ending _conf is the half width of the 95 % confidence interval of the
+    index of that name, by bootstrap; with few samples it is as large as the index.
+    """
     if sweep.design.kind not in SENSITIVITY:
         return {}
     result: dict[str, dict[str, dict[str, float]]] = {}
@@ -79,7 +86,7 @@ def sensitivities(sweep: Sweep, rows: Sequence[Row]) -> dict[str, dict[str, dict
 
 
 def no_indices(sweep: Sweep, rows: Sequence[Row], figure: str) -> str:
-    """Why sensitivities() has nothing of a figure; '' where it has, or where nobody asked."""
+    """Sentence on why sensitivities() has no indices of a figure; '' if it has, or if the design asks for none."""
     if sweep.design.kind not in SENSITIVITY:
         return ''
     values = np.array([float(row[figure]) for row in rows])
@@ -91,10 +98,10 @@ def no_indices(sweep: Sweep, rows: Sequence[Row], figure: str) -> str:
 
 
 def known_to(sweep: Sweep, indices: Mapping[str, Mapping[str, float]]) -> str:
-    """Sentence on the uncertainty of the Sobol indices of a figure; '' where it is small enough, and for those of
-    Morris, which rank and are no shares.
+    """Sentence on the uncertainty of the Sobol indices of a figure; '' if it is below CLEAR, and for indices of Morris.
 
-    By their confidence intervals, and at best to 1/sqrt(samples): bootstrap of few samples knows nothing of those that were not taken.
+    The uncertainty is the widest confidence interval, but at least 1/sqrt(samples): a bootstrap of few samples
+    underestimates it. Indices of Morris only rank parameters.
     """
     widths = [value for one in indices.values() for key, value in one.items() if key in ('S1_conf', 'ST_conf')]
     width = max([1.0 / math.sqrt(sweep.design.samples), *widths]) if widths else 0.0
@@ -106,9 +113,9 @@ def known_to(sweep: Sweep, indices: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], units: Mapping[str, str], directory: Path, title: str) -> Path:
-    """Write report.html: counts, extremes of every figure and where they are, a picture per figure, failures. Raises BagError.
+    """Write report.html: counts, least and largest value of every figure with their cases, pictures, indices, failures.
 
-    units: of parameters and figures, where they have one.
+    units: parameter or figure -> unit, where it has one. Raises BagError.
     """
     counts = {status: sum(row['status'] == status for row in rows) for status in COLOURS}
     parts = [f'<p>{len(rows)} cases: {", ".join(f"{n} {status}" for status, n in counts.items())}.</p>']
@@ -116,7 +123,7 @@ def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], uni
         known = [row for row in rows if math.isfinite(row[figure])]
         parts.append(f'<h2>{html.escape(figure)}: {meaning.take} of {html.escape(meaning.quantity)}</h2>')
         if not known:
-            parts.append('<p>no case has it</p>')
+            parts.append('<p>no case has a value</p>')
             continue
         low, high = min(known, key=lambda row: row[figure]), max(known, key=lambda row: row[figure])
         parts.append(f'<p>from {low[figure]:.6g} (case {low["case"]}) to {high[figure]:.6g} {units[figure]} (case {high["case"]})</p>')
@@ -142,7 +149,7 @@ def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], uni
 
 
 def _picture(sweep: Sweep, rows: Sequence[Row], figure: str, units: Mapping[str, str]) -> str:
-    """The figure over every parameter, as PNG in base64."""
+    """Picture of the figure over every parameter, as PNG in base64."""
     from matplotlib.figure import Figure
 
     names = list(sweep.parameters)
@@ -171,7 +178,7 @@ def _with_unit(name: str, units: Mapping[str, str]) -> str:
 
 
 def get_ready() -> None:
-    """Import what a table and a report need: a second, which costs a sweep nothing while its cases run."""
+    """Import the libraries for table and report. That takes a second, which costs nothing while the cases run."""
     for library in ('pyarrow.parquet', 'matplotlib.figure'):
         with suppress(ImportError):
             importlib.import_module(library)

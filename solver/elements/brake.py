@@ -1,25 +1,28 @@
 """Brake: dry friction with true stick on a rotation coordinate.
 
-A spring and a damper in parallel (wind-up angle z) in series with a Coulomb slider of capacity T = max(gain * u, 0):
+A spring and a damper in parallel (wind-up angle z) are in series with a Coulomb slider of capacity T = max(gain * u,
+0):
 
     torque on the coordinate Q = -tau     tau = k z + d zdot     |tau| <= T
     stick: |tau| < T and zdot = omega     slip: tau = +-T, and omega - zdot has the sign of tau
 
-A stage solution is z = zp + cz zdot. Trial: tau = k zp + (k cz + d) omega; if it exceeds T the slider gives way until tau = +-T
-(return mapping). This is exact and has no regularised zero crossing, so a locked wheel neither creeps nor chatters:
+The wind-up z is an internal state. In a stage of the integrator z = zp + cz zdot, with given zp and cz. The kernel
+tries tau = k zp + (k cz + d) omega, the torque of a brake that sticks. If that exceeds T, the slider slips until tau =
++-T (return mapping). The result is exact, without a regularised zero crossing: a locked wheel neither creeps nor
+chatters.
 
-- |Q| <= T always; T = 0 gives Q = 0 exactly.
-- wind-up is bounded: k |z| <= max(T, k |zp|). It decays with the time constant d/k when the capacity falls.
-- energy E = k z^2/2; with zdot = (z - zp)/cz, as the stage formula has it, Q omega = -k z zdot - dissipation holds exactly, and
+- |Q| <= T always; T = 0 gives Q = 0 exactly. - The wind-up is bounded: k |z| <= max(T, k |zp|). It decays with the time
+constant d/k when the capacity falls. - The energy is E = k z^2/2. With zdot = (z - zp)/cz, as in the stage, Q omega =
+-k z zdot - dissipation holds exactly, and
   dissipation = d zdot^2 + tau (omega - zdot) is never negative.
-- tangents are those of the branch taken: dtau/domega = k cz + d in stick, 0 in slip.
+- Tangents are those of the branch taken: dtau/domega = k cz + d in stick, 0 in slip.
 
-With cz = 0 the wind-up is given: z = zp (clipped to +-T/k when there is no damper, d = 0; what has slid stands there but for rounding, and
-slides on).
+With cz = 0 the wind-up is given: z = zp. Without a damper (d = 0) it is clipped to +-T/k. A brake that has slid then
+stands at +-T/k but for rounding (SLIDING), and goes on sliding.
 
-While it slips the wind-up follows the capacity within d/k. A step that is longer mirrors it about T/k (by R = -rho_inf): the motion is that
-of the capacity all the same, but torque and dissipation shown at the end of the steps are those of a wind-up that swings. So there is a
-damper unless one says otherwise.
+While the brake slips, its wind-up follows a change of the capacity within d/k. In a step that is longer than d/k, the
+wind-up is mirrored about T/k (by R = -rho_inf). The motion is still that of the capacity, but torque and dissipation at
+the end of the steps are those of a swinging wind-up. So a brake has a damper unless `damping: 0` is given.
 """
 
 from __future__ import annotations
@@ -46,14 +49,17 @@ from solver.elements.marker import Context, Spec, slots
 from solver.validate import finite
 
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'windup': 'rad', 'rate': 'rad/s', 'torque': 'N m', 'capacity': 'N m'}
-HOLD = 1e9  # input of brakes that hold [N m per unit of gain]
-RELAXATION = 2e-3  # s, of the wind-up where no damping is given: a few steps of the usual length
-SLIDING = 1.0 - 1e-9  # of the capacity, from which on a wind-up without step and damper slides: rounding of what a step has left there
-RELEASED = 1e-6  # stiffness of a released brake while equilibrium is sought, relative to its own
+HOLD = 1e9  # input of all brakes in the search for equilibrium [N m per unit of gain]: larger than any capacity
+# Time [s] in which the wind-up relaxes where no damping is given: a few steps of usual length. Ten times as much would
+# delay the brake visibly.
+RELAXATION = 2e-3
+# torque, relative to the capacity, from which on a brake slides if cz = 0 and d = 0: rounding of T/k
+SLIDING = 1.0 - 1e-9
+RELEASED = 1e-6  # stiffness of a released brake in the search for equilibrium, relative to its own stiffness
 
 
 def damping_of(where: str, stiffness: float, damping: float | None) -> float:
-    """Damping of a wind-up [N m s/rad], given or by RELAXATION. Raises SpecError."""
+    """Damping of a wind-up [N m s/rad]: the given one, or that of RELAXATION. Raises SpecError if it is negative."""
     return RELAXATION * stiffness if damping is None else finite(where, 'damping', damping, low=0.0)
 
 
@@ -61,9 +67,9 @@ def damping_of(where: str, stiffness: float, damping: float | None) -> float:
 class BrakeSpec(Spec):
     """Brake on a rotation coordinate, with capacity max(gain * u[input] + u[own_input], 0) [N m].
 
-    gain [N m per unit of the input] >= 0; stiffness [N m/rad] > 0 and damping [N m s/rad] >= 0 of the wind-up while sticking (None: that
-    with which it relaxes within RELAXATION).
-    own_input: channel of this brake alone [N m], below zero where it takes from what the other gives (None: there is none).
+    gain: [N m per unit of the input], not negative. own_input: input of this brake alone [N m]; a negative one reduces
+    the capacity from `input`; None: there is none. stiffness [N m/rad], positive, and damping [N m s/rad], not
+    negative, of the wind-up while the brake sticks; damping None: the wind-up relaxes within 2 ms.
     """
 
     coordinate: str
@@ -80,21 +86,21 @@ class BrakeSpec(Spec):
 
 
 class BrakeTable(NamedTuple):
-    """Columns of all brakes; see BrakeSpec for units."""
+    """Compiled data of n brakes; see BrakeSpec for units."""
 
-    coordinate: np.ndarray  # (n,)
-    body: np.ndarray  # (n, 2)
-    slot: np.ndarray  # (n, 2, 2) block (row body, column body)
-    state: np.ndarray  # (n,) internal state: wind-up [rad]
-    input: np.ndarray  # (n,)
-    own: np.ndarray  # (n,) channel of the brake alone, -1: none
+    coordinate: np.ndarray  # (n,) index of the coordinate
+    body: np.ndarray  # (n, 2) bodies i and j of the coordinate
+    slot: np.ndarray  # (n, 2, 2) matrix block of (row body, column body)
+    state: np.ndarray  # (n,) index of the internal state, the wind-up [rad]
+    input: np.ndarray  # (n,) index of the input
+    own: np.ndarray  # (n,) index of the input of this brake alone, -1: none
     gain: np.ndarray  # (n,)
     stiffness: np.ndarray  # (n,)
     damping: np.ndarray  # (n,)
 
 
 def compile_brakes(specs: Sequence[BrakeSpec], context: Context) -> BrakeTable:
-    """Resolve names into a table; one internal state per brake."""
+    """Resolve names into a table, and reserve one internal state per brake."""
     n = len(specs)
     table = BrakeTable(
         coordinate=np.zeros(n, np.int64),
@@ -121,7 +127,8 @@ def compile_brakes(specs: Sequence[BrakeSpec], context: Context) -> BrakeTable:
 
 @kernel(inline=True)
 def friction(zp, cz, omega, T, k, d):
-    """Return (z, tau, dtau/domega, dissipation) of the return mapping described in the module."""
+    """(z, tau, dtau/domega, dissipation) of one brake at the rate omega, by the return mapping of the module
+    docstring."""
     stiff = k * cz + d
     tau = k * zp + stiff * omega
     # strictly below the capacity, so that T = 0 is free of stick and of its tangent
@@ -174,9 +181,12 @@ def brake_forces(table, now, effects, out):
 
 
 def held_brakes(table: BrakeTable, u: np.ndarray) -> Held:
-    """Brakes hold in the search for static equilibrium, or the toe of the wheels would roll a car away; what they carry beyond their
-    capacity under u (nu,) is dropped at the end. Released ones hold so softly that what is dropped does not matter: locked wheels would
-    take part of the load of a suspension that moves them to and fro.
+    """Brakes and inputs in the search for static equilibrium: all brakes hold, or the toe of the wheels would roll the
+    car away.
+
+    At the end the wind-up is cut to the capacity under the inputs u (nu,). Released brakes hold softly (RELEASED), so
+    that their cut does not matter. Locked firmly, their wheels would carry a part of the load of a suspension that
+    moves wheels lengthwise.
     """
     capacity = capacities(table, u)
     released = capacity == 0.0

@@ -1,4 +1,4 @@
-"""Scene files: where they are looked up, and YAML text -> Scene. Format: docs/scene.md."""
+"""Scene files: finds them by path or name, and makes a Scene of their YAML text. Format: docs/scene.md."""
 
 from __future__ import annotations
 
@@ -29,12 +29,14 @@ from solver.model.spec import ModelSpec
 from solver.scene import SAMPLES, Bound, Require, Scene, coordinates_of
 from solver.vehicle.actuation import IN_DEGREES, actuated, steering_reaches
 
-PACKAGE = 'mbd_sim_ros'
+PACKAGE = 'mbd_sim_ros'  # folder of an installed share directory
 
 
 def config_directories() -> list[Path]:
-    """Directories in which scene names and includes are looked up: the current directory, this checkout, installed
-    share directories."""
+    """Directories in which names of scenes and included files are looked up, the first one first.
+
+    They are the current directory, the config/ of this checkout, and the installed share directories.
+    """
     prefixes = [*filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)), sys.prefix]
     candidates = [
         Path.cwd() / 'config',
@@ -46,7 +48,7 @@ def config_directories() -> list[Path]:
 
 
 def find_file(name: str | Path, folder: str) -> Path:
-    """The file that a path, or a name under <config>/<folder>, stands for. Raises SceneError with the nearest known name."""
+    """The file of a path, or of a name in config/<folder>. Raises SceneError that suggests the nearest known name."""
     path = Path(name)
     if path.is_file():
         return path
@@ -59,19 +61,20 @@ def find_file(name: str | Path, folder: str) -> Path:
     known = known_names(folder)
     other = 'a directory' if path.is_dir() else 'a pipe or a device' if path.exists() else ''
     problem = f'is {other}, not a file' if other else 'no such file'
-    if not str(name):  # as a path that is the directory one stands in
+    if not str(name):  # Path('') would be the current directory
         raise SceneError(f'{folder.removesuffix("s")}: its name is empty{suggestion("", known)}')
     beside = path.with_suffix('.yaml') if path.suffix else None
     if folder == 'scenes' and stem in known_names('vehicles'):
         raise SceneError(
-            f'scene {str(name)!r}: is a vehicle; put it into a scene by --set vehicle=vehicles/{stem}.yaml (overrides of a node)'
+            f'scene {str(name)!r}: is a vehicle; put it into a scene by --set vehicle=vehicles/{stem}.yaml '
+            '(in a node: the parameter overrides)'
         )
     remedy = f'; did you mean {str(beside)!r}?' if beside is not None and beside.is_file() else suggestion(stem, known)
     raise SceneError(f'{folder.removesuffix("s")} {str(name)!r}: {problem}, and no name in config/{folder}{remedy}')
 
 
 def known_names(folder: str = 'scenes') -> list[str]:
-    """Names of the files in <config>/<folder> of every config directory."""
+    """Names of the files in config/<folder> of all config directories, sorted."""
     return sorted({file.stem for root in config_directories() for file in (root / folder).glob('*.yaml')})
 
 
@@ -87,8 +90,8 @@ def load_scene_text(text: str, name: str = 'scene', overrides: Sequence[str] = (
 
 
 def load_scene_and_units(text: str, name: str = 'scene', overrides: Sequence[str] = ()) -> tuple[Scene, dict[str, str]]:
-    """load_scene_text(), and the units of the keys given, as they are written ('deg' of one that ends in _deg): path -> unit, where
-    there is one."""
+    """(the scene as of load_scene_text(), path of a key -> unit in which its value is written, e.g. 'deg' of
+    toe_deg)."""
     return _scene(include(parse(text, name), config_directories()), name, overrides)
 
 
@@ -101,12 +104,13 @@ def load_maneuver(name: str | Path, overrides: Sequence[str] = ()) -> Maneuver:
 
 
 def _apply(root: Node, overrides: Sequence[str]) -> None:
+    """Apply overrides to a tree, in place and in their order."""
     for assignment in overrides:
         override(root, assignment, config_directories())
 
 
 def _scene(root: Node, name: str, overrides: Sequence[str]) -> tuple[Scene, dict[str, str]]:
-    """A scene, and the units of its keys."""
+    """(the scene of a tree with overrides, path of a key -> unit)."""
     _apply(root, overrides)
     builder = MechanismReader().builder()
     builder.hooks |= {Require: requirements.require, Bound: requirements.bound}
@@ -114,7 +118,8 @@ def _scene(root: Node, name: str, overrides: Sequence[str]) -> tuple[Scene, dict
     if 'name' not in fields:
         assert isinstance(root, MappingNode)
         node = ScalarNode('tag:yaml.org,2002:str', name, root.start_mark, root.end_mark)
-        node.style = "'" if names_file(node) else None  # without quotes the resolved text would include that file
+        # a name like tire.yaml gets quotes: without them the resolved text would include the file of that name
+        node.style = "'" if names_file(node) else None
         root.value.insert(0, (ScalarNode(node.tag, 'name', root.start_mark, root.end_mark), node))
         fields = builder.mapping(root, '')
     model = _model(builder, fields, root)
@@ -128,8 +133,11 @@ def _scene(root: Node, name: str, overrides: Sequence[str]) -> tuple[Scene, dict
 
 
 def _require_angles(scene: Scene, fields: Fields) -> None:
-    """Refuse what is in degrees where a number has the unit of its coordinate or input, so that its hint has none: angles of the steering
-    at any instant, and of joints at the start."""
+    """Raise SceneError for an angle that seems to be in degrees: of the steering at any instant, of a joint at the
+    start.
+
+    These numbers have the unit of their input or coordinate, so that the type hints cannot check them.
+    """
     t = np.linspace(0.0, scene.duration, SAMPLES)
     for name, reach in steering_reaches(scene.model).items():
         worst = reach.beyond(signal(getattr(scene.maneuver, name)).jet(t).value)
@@ -138,7 +146,7 @@ def _require_angles(scene: Scene, fields: Fields) -> None:
             raise SceneError(f'{where(node)}: maneuver.{name} = {worst:g}: {reach.remedy}')
     model = scene.model
     turning = {c.name for c in coordinates_of(model) if c.kind == 'rotation'}
-    if not model.tires:  # a spring or a gear may be wound by any number of turns
+    if not model.tires:  # of a mechanism, a spring or a gear may be wound by any number of turns
         turning -= {name for one in (*model.couplers, *model.coordinate_forces, *model.transmissions) for name, _ in one.terms}
     most, what = (LOCK, '20 rad') if model.tires else (2.0 * math.pi, 'one turn')  # a steering wheel may start turned
     for name, wanted in scene.start.coordinates.items():
@@ -148,16 +156,17 @@ def _require_angles(scene: Scene, fields: Fields) -> None:
 
 
 def _seeded(model: ModelSpec, seed: int) -> ModelSpec:
-    """The model on other random roads: their seeds are so much larger."""
+    """The model with other random roads: `seed` is added to their seeds."""
     grids = tuple(dataclasses.replace(grid, seed=grid.seed + seed) if isinstance(grid, RandomRoad) else grid for grid in model.road.grids)
     return dataclasses.replace(model, road=dataclasses.replace(model.road, grids=grids))
 
 
-MODEL_KEYS = ('mechanism', 'vehicle', 'trailer', 'road')
+MODEL_KEYS = ('mechanism', 'vehicle', 'trailer', 'road')  # keys of a scene that make its model
 
 
 def _model(builder: Builder, fields: dict, root: Node) -> ModelSpec:
-    """The model from the keys mechanism or vehicle (with trailer), actuated as the scene says, on its road; takes them out of fields."""
+    """The model of a scene, from its keys mechanism or vehicle, trailer, actuation and road. Removes MODEL_KEYS from
+    fields."""
     sources = [key for key in ('mechanism', 'vehicle') if key in fields]
     if len(sources) != 1:
         kind = fields['kind'][1].value if 'kind' in fields else ''
@@ -180,7 +189,8 @@ def _model(builder: Builder, fields: dict, root: Node) -> ModelSpec:
 
 
 def _with_trailer(builder: Builder, node: Node, key: str, name: Node, trailer: Node) -> Node:
-    """The node of a vehicle with the trailer that stands beside it in the scene as its key `trailer`."""
+    """The node of a vehicle, with the key `trailer` of the scene moved into it. Raises SceneError if the vehicle has
+    its own."""
     if key != 'vehicle':
         raise SceneError(f"{where(name)}: trailer: only a vehicle pulls one; remove it, or take the key 'vehicle'")
     own = builder.mapping(node, key).get('trailer')
@@ -189,8 +199,9 @@ def _with_trailer(builder: Builder, node: Node, key: str, name: Node, trailer: N
     if not isinstance(own[1], MappingNode) and not isinstance(trailer, MappingNode):
         return node  # both say that there is none
     if not isinstance(own[1], MappingNode):
-        clash = 'the vehicle is to have none (vehicle.trailer: null), and here is one'
+        clash = 'the vehicle says that it has none (vehicle.trailer: null), and the scene gives one'
     else:
-        clash = f'the vehicle has one ({where(own[1])}), and here is {"another one" if isinstance(trailer, MappingNode) else "none"}'
+        given = 'another one' if isinstance(trailer, MappingNode) else 'none'
+        clash = f'the vehicle has one ({where(own[1])}), and the scene gives {given}'
     remedy = 'remove one of the two keys, or give both as null for none'
     raise SceneError(f'{where(name)}: trailer: {clash}; {remedy}')

@@ -1,8 +1,9 @@
-"""Sensors: what the topics odom and imu say of their accuracy, and noise that fits it.
+"""Sensors: the accuracy that the topics odom and imu state as covariances, and noise of that accuracy.
 
-Noise is a pure function of the seed and the step (a counter-based generator, Philox: Salmon et al., Parallel random numbers: as easy as
-1, 2, 3, SC11), so a run has the same bits however it is cut, and a replay has them again. Every number gets a normal one of its own,
-independent from step to step; an orientation is turned by a small rotation with that vector.
+The noise is white: every number gets a normal deviate of its own, independent from step to step; an orientation is
+turned by a small rotation vector of such deviates. The noise is a pure function of seed and step (Philox, a
+counter-based generator: Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC11). So a run has the same bits
+in however many calls it is advanced, and a replay has them again.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from solver.validate import finite, require
 
 @dataclass(frozen=True, kw_only=True)
 class OdomSensor:
-    """Standard deviations of odom, of each component: position and orientation of the pose, velocity and angular velocity of the twist."""
+    """Standard deviations of each component of odom: position, orientation, velocity, and rate, the angular
+    velocity."""
 
     position: Length = 0.0
     orientation: Angle = 0.0
@@ -32,7 +34,8 @@ class OdomSensor:
 
 @dataclass(frozen=True, kw_only=True)
 class ImuSensor:
-    """Standard deviations of imu, of each component: orientation, angular velocity, specific force."""
+    """Standard deviations of each component of imu: orientation, rate (angular velocity), acceleration (specific
+    force)."""
 
     orientation: Angle = 0.0
     rate: Rate = 0.0
@@ -44,11 +47,11 @@ class ImuSensor:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """Accuracy that odom and imu state: covariances with these standard deviations on their diagonals, 0 where none is
-    given.
+    """Accuracy of the topics odom and imu.
 
-    noise: numbers that scatter so, instead of the exact ones; only of these two topics, and nothing of it gets back into the motion.
-    seed: of the noise, and must be given with it.
+    odom, imu: standard deviations, whose squares are the diagonals of the covariance matrices in the messages; 0 if not
+    given. noise: whether the numbers in these two topics scatter by these deviations; the motion itself stays exact.
+    seed: of the noise; required with it.
     """
 
     odom: OdomSensor = field(default_factory=OdomSensor)
@@ -82,8 +85,11 @@ class Sensors:
         }
 
     def scatter(self, k: int, odom: np.ndarray, imu: np.ndarray) -> None:
-        """Add the noise of step k to odom (13,): position, quaternion xyzw, velocity, angular velocity; and to imu (10,): quaternion,
-        angular velocity, specific force."""
+        """Add the noise of step k to the numbers of both topics, in place.
+
+        odom: (13,) position, quaternion xyzw, velocity, angular velocity. imu: (10,) quaternion xyzw, angular velocity,
+        specific force.
+        """
         assert self.seed is not None
         z = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, k])).standard_normal(21)
         o, i = self.odom, self.imu
@@ -97,7 +103,7 @@ class Sensors:
 
 
 def _turn(q: np.ndarray, by: np.ndarray) -> None:
-    """Turn a quaternion xyzw by a small rotation vector [rad] in its own axes; it keeps its length 1."""
+    """Turn a quaternion xyzw, in place, by a small rotation vector [rad] in its own axes, and normalise it."""
     x, y, z, w = q.tolist()
     a, b, c = (0.5 * by).tolist()
     q += (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -(x * a + y * b + z * c))
@@ -105,5 +111,6 @@ def _turn(q: np.ndarray, by: np.ndarray) -> None:
 
 
 def _not_negative(where: str, sensor: object) -> None:
+    """Raise SpecError for a standard deviation that is negative or not finite."""
     for name, value in vars(sensor).items():
         finite(where, name, value, low=0.0)

@@ -1,19 +1,21 @@
-"""Independent reference solutions of a compiled model: other equations, other integrators, dense linear algebra, slow.
+"""Independent reference solutions of a compiled model: with other equations, other integrators, dense linear algebra.
+Slow.
 
-They share the element kernels (forces, constraint residuals and Jacobians) with the step, and nothing of its time integration,
-multipliers or linear solver. Two formulations of M dv/dt = f + A^T lam, phi = 0:
+The reference methods use the element kernels of the simulator (forces, constraint residuals and Jacobians), and nothing
+of its time integration, multipliers or linear solver. They solve M dv/dt = f + A^T lam, phi = 0 in two formulations.
 
-Kkt: index 1. Accelerations from [M -A^T; A 0] by singular values, so redundant constraints and massless bodies are harmless, with the
-explicit Runge-Kutta method DOP853 [Hairer1993]; positions and velocities are projected after every step. Not for stiff models.
+Kkt: index 1, explicit. The accelerations come from [M -A^T; A 0] by singular values, so that redundant constraints and
+massless bodies do no harm. The integrator is the Runge-Kutta method DOP853 [Hairer1993]. Positions and velocities are
+projected onto the constraints after every step. Not for stiff models.
 
-Stabilised: [Gear1985] with the derivatives of the unknowns Lam and Mu as multipliers [Anantharaman1991], an implicit system of index 1
-for the BDF and Radau methods of scipy_dae and for IDA of SUNDIALS (scikit-sundae):
+Stabilised: [Gear1985], implicit. The multipliers are the derivatives of two unknowns, Lam and Mu [Anantharaman1991].
+This makes an implicit system of index 1, for the BDF and Radau methods of scipy_dae and for IDA of SUNDIALS
+(scikit-sundae):
 
     dq/dt = v + M^-1 A^T dMu/dt        M dv/dt = f + A^T dLam/dt        dz/dt = g(z, q, v)        A v + phi_t = 0        phi = 0
 
-Rows that are not holonomic appear in A v = 0 and in the momentum balance alone; phi and Mu belong to the others. It
-keeps a set of independent rows of redundant constraints, chosen anew when they become dependent; it stops at singular
-positions.
+The rows of phi and Mu are the holonomic ones only. Of redundant constraints the method keeps a set of independent rows,
+and chooses another set when these become dependent. It stops at singular positions.
 """
 
 from __future__ import annotations
@@ -30,11 +32,14 @@ from solver.errors import SpecError, StepError
 from solver.model.tables import Model
 from solver.reference.dense import INTERNAL_STEP, RANK_TOLERANCE, Equations, MotionState, quaternion_rate, skew
 
-WORN = 0.03  # rows are chosen anew when their smallest singular value is below this part of what another choice has
-LONGEST_STEP = 0.02  # s; at rest a method would step over the inputs that end it
-LARGE = 200  # unknowns from which matrices are worth a sparse or blocked factorization
-UNIT_RATE = 10.0  # 1/s, by which the norm of quaternions returns to one
-METHODS = {
+# Smallest singular value of the rows that are kept, relative to that of another choice, below which the other rows are
+# taken.
+# Ten times as much would change rows many times a second.
+WORN = 0.03
+LONGEST_STEP = 0.02  # longest step [s]: at rest a method would grow its step and pass over the inputs that end the rest
+LARGE = 200  # number of unknowns from which a sparse or blocked factorization is faster
+UNIT_RATE = 10.0  # rate [1/s] with which the norm of a quaternion returns to 1
+METHODS = {  # integrator.kind -> (package, class)
     'reference_bdf': ('scipy_dae', 'BDFDAE'),
     'reference_radau': ('scipy_dae', 'RadauDAE'),
     'reference_ida': ('scikit-sundae', 'IDA'),
@@ -42,7 +47,7 @@ METHODS = {
 
 
 class _Layout:
-    """Layout of q, v, z in the vector of unknowns of nb bodies and nz internal states."""
+    """Places of q, v and z in the vector of unknowns y (7 nb + 6 nb + nz,), for nb bodies and nz internal states."""
 
     def __init__(self, model: Model) -> None:
         self.nb = model.n_bodies
@@ -51,32 +56,34 @@ class _Layout:
         self.end = self.z.stop
 
     def pack(self, motion: MotionState) -> np.ndarray:
+        """The vector y of a motion."""
         return np.concatenate([motion.q[:-1].ravel(), motion.v[:-1].ravel(), motion.z])
 
     def unpack(self, y: np.ndarray) -> MotionState:
+        """The motion in a vector y, its quaternions normalised, with the world as the last body."""
         q = np.vstack([y[self.q].reshape(-1, 7), [0, 0, 0, 0, 0, 0, 1]])
         q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
         return MotionState(q, np.vstack([y[self.v].reshape(-1, 6), np.zeros(6)]), y[self.z].copy())
 
     def rate(self, y: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """dq/dt (7 nb,) of twists v (6 nb,), with the drift of the quaternions' norm drawn back."""
+        """dq/dt (7 nb,) of the twists v (6 nb,), with a term that draws the norms of the quaternions back to 1."""
         q, v = y[self.q].reshape(-1, 7)[:, 3:], v.reshape(-1, 6)
         turn = np.einsum('bij,bj->bi', quaternion_rate(q), v[:, 3:]) + UNIT_RATE * (1.0 - (q * q).sum(1))[:, None] * q
         return np.hstack([v[:, :3], turn]).ravel()
 
 
 class Kkt:
-    """Index 1, explicit, with projection. advance(t) -> MotionState at t [s].
+    """Index 1, explicit, with projection; see the module. advance(t) -> MotionState at t [s].
 
-    The continuation need not be unique where constraints are singular, and this method may leave the motion for another
-    branch that begins there, with the same energy and a jump of its velocities: its steps collapse at this instant
-    (`steps`).
+    steps: steps of the method so far [s]. At a singular position the motion may continue on several branches. This
+    method may then change the branch, with the same energy and a jump of the velocities; its steps become tiny at that
+    instant.
     """
 
     def __init__(self, equations: Equations, t: float, motion: MotionState, tolerance: float) -> None:
         self.equations, self.layout = equations, _Layout(equations.model)
         self.factorizations = 0
-        self.steps: list[float] = []  # that the method took [s]
+        self.steps: list[float] = []
         self.t = t
         start = self.layout.pack(motion)
         self.solver = DOP853(self._rate, t, start, np.inf, max_step=LONGEST_STEP, rtol=max(tolerance, 3e-14), atol=tolerance)
@@ -86,15 +93,15 @@ class Kkt:
         self.factorizations += 1
         motion = self.layout.unpack(y)
         if not np.isfinite(y).all():
-            return np.full_like(y, np.nan)  # the method takes a shorter step
+            return np.full_like(y, np.nan)  # the method then tries a shorter step
         a, _, zd = self.equations.acceleration(t, motion)
         return np.concatenate([self.layout.rate(y, y[self.layout.v]), a, zd])
 
     def advance(self, t: float) -> MotionState:
-        """Step over t and interpolate."""
+        """The motion at t [s], interpolated in the step that goes beyond t."""
         s = self.solver
         while self.t < t:
-            with np.errstate(over='ignore', invalid='ignore'):  # of trial steps, which the method rejects
+            with np.errstate(over='ignore', invalid='ignore'):  # trial steps may overflow; the method rejects them
                 message = s.step()
             if s.status == 'failed':
                 raise StepError(message or 'the step size fell to zero')
@@ -109,8 +116,10 @@ class Kkt:
 
 
 class Stabilised:
-    """Stabilised index 2 form, implicit. advance(t) -> MotionState at t [s]. kind: a key of METHODS. Raises SpecError
-    without the package."""
+    """Stabilised index 2 form, implicit; see the module. advance(t) -> MotionState at t [s].
+
+    kind: a key of METHODS. Raises SpecError if its package is missing.
+    """
 
     def __init__(self, equations: Equations, t: float, motion: MotionState, tolerance: float, kind: str) -> None:
         self.equations, self.layout, self.kind, self.tolerance = equations, _Layout(equations.model), kind, tolerance
@@ -122,16 +131,16 @@ class Stabilised:
                 f"integrator: kind = {kind!r}: needs the package {package}; install it with pip install 'mbd_sim_ros[references]'"
             ) from None
         self.method = getattr(module, name)
-        self.factorizations = 0  # LU decompositions; for IDA Jacobians, each of which is decomposed
+        self.factorizations = 0  # number of LU decompositions; with IDA that of Jacobians, each of which is decomposed
         self._start(t, motion, self._independent_rows(t, motion)[0])
         start = self.layout.pack(motion)
         self.interpolate: Callable[[float], np.ndarray] = lambda _: start
 
     def _start(self, t: float, motion: MotionState, rows: np.ndarray) -> None:
-        """Begin at a motion with these rows."""
+        """Begin, or begin anew, at a motion, with the constraint rows of these indices."""
         e, nr, end = self.equations, len(rows), self.layout.end
         self.rows = rows
-        self.closing = rows[e.holonomic[rows]]  # with a residual in positions
+        self.closing = rows[e.holonomic[rows]]  # the holonomic ones, which have a residual of positions
         self.Lam, self.Mu = slice(end, end + nr), slice(end + nr, end + nr + len(self.closing))
         self.size = self.Mu.stop
         a, _, zd = e.acceleration(t, motion)
@@ -152,13 +161,13 @@ class Stabilised:
         self.t = t
 
     def _independent_rows(self, t: float, motion: MotionState) -> tuple[np.ndarray, np.ndarray]:
-        """(indices of a largest set of independent rows, all rows scaled)."""
+        """(indices of a largest set of independent constraint rows, all rows, scaled)."""
         self.equations.move_to(motion.q, motion.v)
         B, _ = self.equations.scaled(self.equations.constraints(t).A)
         return independent(B, self.equations.holonomic), B
 
     def _accept(self, t: float, motion: MotionState) -> None:
-        """After a step: choose other rows and begin anew where those kept have become dependent and others are not."""
+        """Take the motion after a step. If the rows that are kept have become dependent, begin anew with others."""
         self.equations.accept(motion)
         self.t = t
         if len(self.rows) == self.equations.model.n_rows:
@@ -169,7 +178,7 @@ class Stabilised:
             self._start(t, self.equations.project(t, motion), rows)
 
     def residual(self, t: float, y: np.ndarray, yp: np.ndarray) -> np.ndarray:
-        """F(t, y, dy/dt)."""
+        """Residual F(t, y, dy/dt) of the implicit system (size,)."""
         e, s = self.equations, self.layout
         q, v, z = s.unpack(y)
         e.move_to(q, v)
@@ -186,7 +195,8 @@ class Stabilised:
         return out
 
     def jacobians(self, t: float, y: np.ndarray, yp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(dF/dy, dF/dy'), without the derivative of A^T dMu/dt, which vanishes on the solution."""
+        """(dF/dy, dF/dy') (size, size) each, without the derivative of A^T dMu/dt over y, which is zero on the
+        solution."""
         e, s, nb = self.equations, self.layout, self.layout.nb
         q, v, z = s.unpack(y)
         e.move_to(q, v)
@@ -245,7 +255,7 @@ class Stabilised:
         JJ[:, :] = Jy + cj * Jp
 
     def _step(self, t: float) -> tuple[float, Callable[[float], np.ndarray]]:
-        """One step of the method towards t: (time reached, interpolant over the step)."""
+        """Make one step of the method towards t [s]; returns (time reached [s], interpolant y(t) over the step)."""
         s = self.solver
         if self.kind == 'reference_ida':
             result = s.step(t, method='onestep', tstop=t)
@@ -262,7 +272,7 @@ class Stabilised:
         return s.t, lambda at: dense(at)[0]
 
     def advance(self, t: float) -> MotionState:
-        """Step over t and interpolate."""
+        """The motion at t [s], interpolated in the last step."""
         while self.t < t:
             reached, self.interpolate = self._step(t)
             self._accept(reached, self.layout.unpack(self.interpolate(reached)))
@@ -270,9 +280,9 @@ class Stabilised:
 
 
 def independent(B: np.ndarray, holonomic: np.ndarray) -> np.ndarray:
-    """Indices, ascending, of a largest set of independent rows of B (unit norms), by QR with column pivoting of the transpose.
+    """Indices, ascending, of a largest set of independent rows of B, whose rows have length 1.
 
-    As many holonomic rows as there are independent ones are among them, so that every position is determined.
+    Holonomic rows are chosen first, so that all positions are determined. The method is QR with column pivoting of B^T.
     """
     chosen = np.zeros(0, int)
     for group in (np.flatnonzero(holonomic), np.flatnonzero(~holonomic)):

@@ -139,8 +139,9 @@ class ConsistentState:
                 remedy = 'place the bodies nearer to a closed configuration or check the joint data'
                 if worst < CONTRADICTING:
                     remedy = (
-                        'redundant joints contradict each other by that little, and would hold it with forces without bounds: give markers '
-                        'and axes with more digits (or by at, in the world), or a joint with fewer rows (spherical, point_on_line)'
+                        'redundant joints contradict each other by this small amount, and their forces would have no '
+                        'bound: give markers and axes with more digits (or by `at`, in the world), or replace a joint '
+                        'by one with fewer rows (spherical, point_on_line)'
                     )
                 raise ConsistencyError(
                     f'start: the mechanism cannot be assembled from the given placement: constraint {self._worst_row(residual)!r} '

@@ -367,9 +367,9 @@ def test_a_trailer_beside_the_vehicle_is_the_one_in_it() -> None:
     file = 'trailer: vehicles/trailers/caravan.yaml\n'
     assert load_scene_text(head + file, 'beside').model == load_scene_text(head, 'in it', [CARAVAN]).model
     for own, beside, says in (
-        (CARAVAN, file, r'the vehicle has one \(.*caravan.yaml:\d+\), and here is another one'),
-        (CARAVAN, 'trailer: null\n', 'the vehicle has one .*, and here is none'),
-        ('vehicle.trailer=null', file, r'is to have none \(vehicle.trailer: null\), and here is one'),
+        (CARAVAN, file, r'the vehicle has one \(.*caravan.yaml:\d+\), and the scene gives another one'),
+        (CARAVAN, 'trailer: null\n', 'the vehicle has one .*, and the scene gives none'),
+        ('vehicle.trailer=null', file, r'says that it has none \(vehicle.trailer: null\), and the scene gives one'),
     ):
         with pytest.raises(SceneError, match=says):
             load_scene_text(head + beside, 'two keys', [own])

@@ -1,4 +1,6 @@
-"""Evaluations as one HTML page that needs nothing else, its curves drawn by the page (docs/decisions/0011-report-of-comparisons.md)."""
+"""Report of evaluations as one HTML page that needs no other files. A script in it draws the curves
+(docs/decisions/0011-report-of-comparisons.md).
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from typing import Any
 from mbd_sim_ros.analysis.evaluation.figures import SHOWN, Chart, Figure, Result, rows, sentence
 from mbd_sim_ros.analysis.pages import fill, floats, thinned
 
-POINTS = 1500  # about so many of a curve
+POINTS = 1500  # points of a curve that are kept, about; ten times as many make a page slow
 
 
 def write_page(
@@ -22,7 +24,11 @@ def write_page(
     passed: bool | None,
     together: Mapping[str, Sequence[Figure]],
 ) -> None:
-    """Write the page. about: lines for its head. together: title -> figures of a whole series. Raises BagError where it cannot be."""
+    """Write the page `file`.
+
+    about: lines at its head. passed: overall verdict, None if nothing was judged. together: title -> figures of a whole
+    series of runs. Raises BagError if the file cannot be written.
+    """
     data = {
         'title': title,
         'verdict': {'ok': passed, 'text': sentence(results)},
@@ -45,16 +51,18 @@ def write_page(
 
 
 def _row(figure: Figure) -> list[str]:
+    """Cells of the table row of a figure."""
     return [figure.text, *figure.shown(), figure.limit, figure.verdict if figure.ok is not None else '']
 
 
 def _amplitude(result: Result) -> str:
-    """Mark that tells the runs of a series from each other."""
+    """Ending of the title of a run in a series of amplitudes, ', +90 deg' say; '' where it has none."""
     found = [f for f in result.figures if f.name == 'amplitude']
     return f', {math.degrees(found[0].value):+.0f} deg' if found else ''
 
 
 def _chart(chart: Chart) -> dict[str, Any]:
+    """A chart as data for the script of the page, in the units that are shown."""
     x, fx = _axis(*chart.x)
     y, fy = _axis(*chart.y)
     curves = []
@@ -65,5 +73,6 @@ def _chart(chart: Chart) -> dict[str, Any]:
 
 
 def _axis(label: str, unit: str) -> tuple[str, float]:
+    """(label with the unit that is shown, factor from SI to that unit)."""
     shown, factor = SHOWN.get(unit, (unit, 1.0))
     return (label if shown in ('', '1') else f'{label} [{shown}]'), factor

@@ -1,4 +1,4 @@
-"""Report of a study: text, tables, pictures and checks, written as it grows."""
+"""Report of a study in Markdown: text, tables, pictures and checks, in the order in which the study adds them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,14 @@ from matplotlib.figure import Figure
 from mbd_sim_ros.analysis.plots import STYLE
 
 COLOURS = ('#1b6ca8', '#d95f02', '#2a9d5c', '#8e44ad', '#222222', '#8c8c8c', '#b8860b', '#16a0a0', '#e377c2', '#c0392b')
-DPI = 100
+DPI = 100  # pixels per inch of pictures
 
 
 class Report:
-    """report.md in the directory `out`, in the order of the calls. text(), table(), figure() and check() add to it; write() closes it."""
+    """The file report.md in the directory `out`. text(), table(), figure() and check() add to it; write() writes it.
+
+    checks: entries of all check() calls so far.
+    """
 
     def __init__(self, out: Path, title: str) -> None:
         self.out = out
@@ -27,11 +30,12 @@ class Report:
         self._parts = [f'# {title}']
 
     def text(self, *paragraphs: str) -> None:
-        """Paragraphs, or headings, of Markdown."""
+        """Add paragraphs, or headings, in Markdown."""
         self._parts += paragraphs
 
     def table(self, name: str, rows: Sequence[Mapping[str, Any]], *, shown: bool = True) -> None:
-        """Rows with the same keys: all digits into <name>.csv and, if shown, four of them into the report."""
+        """Add a table of rows with the same keys: to <name>.csv with all digits and, if shown, to the report with four
+        digits."""
         with (self.out / f'{name}.csv').open('w', newline='', encoding='utf-8') as file:
             writer = csv.DictWriter(file, list(rows[0]), lineterminator='\n')
             writer.writeheader()
@@ -40,13 +44,14 @@ class Report:
             self._parts.append(markdown(rows))
 
     def figure(self, name: str, figure: Figure, caption: str) -> None:
-        """Save a picture as <name>.png and show it."""
+        """Save a picture as <name>.png and show it in the report."""
         with mpl.rc_context(STYLE):
             figure.savefig(self.out / f'{name}.png', dpi=DPI)
         self._parts.append(f'![{caption}]({name}.png)\n\n*{caption}*')
 
     def check(self, name: str, value: float, limit: float, *, least: bool = False) -> dict[str, Any]:
-        """Judge a figure: at most the limit, or with `least` at least. A value that is not a number is not good enough."""
+        """Check that a value is at most the limit, or with `least` at least the limit, and return the entry. NaN
+        fails."""
         met = bool(value >= limit) if least else bool(value <= limit)
         entry = {'name': name, 'value': float(value), 'limit': float(limit), 'met': met}
         self.checks.append(entry)
@@ -61,7 +66,7 @@ class Report:
 
 
 def figure(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
-    """(figure, axes (rows, columns)) in the common style, size in inches, drawn without a display."""
+    """(figure, (rows, columns) array of axes) in the common style; width and height in inches. Needs no display."""
     with mpl.rc_context(STYLE):
         new = Figure(figsize=(width, height), layout='constrained')
         FigureCanvasAgg(new)
@@ -69,14 +74,14 @@ def figure(width: float, height: float, rows: int = 1, columns: int = 1, **optio
 
 
 def markdown(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows with the same keys as a table."""
+    """Table in Markdown of rows with the same keys."""
     lines = [' | '.join(rows[0]), '|'.join('---' for _ in rows[0])]
     lines += [' | '.join(cell(value) for value in row.values()) for row in rows]
     return '\n'.join(f'| {line} |' for line in lines)
 
 
 def cell(value: Any) -> str:
-    """A value for people: four digits, a dash where there is none."""
+    """Text of a value: a number with four digits, a dash for None and NaN."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return '-'
     return f'{value:.4g}' if isinstance(value, float) else str(value)
