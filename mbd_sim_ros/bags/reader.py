@@ -1,6 +1,6 @@
-"""Reading recordings: a bag becomes a `Run`, per topic its instants and named columns (columns.py).
+"""Reader of recordings: a bag becomes a `Run`, with a series of named columns for each topic (columns.py).
 
-A damaged recording is not read: `mbd recover` (recovery.py) makes a whole one of its rest.
+A damaged recording is refused; `mbd recover` (recovery.py) makes a whole recording of its undamaged part.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from mbd_sim_ros.bags.writer import RECORD, RESULT
 from mbd_sim_ros.messages.topics import ELEMENTS, INPUTS, family
 from solver.errors import BagError
 
-NOT_SIGNALS = ('tf', 'tf_static', 'robot_description', INPUTS.name)  # topics that are no columns
+NOT_SIGNALS = ('tf', 'tf_static', 'robot_description', INPUTS.name)  # topics that do not become columns
 
 
 @dataclass
 class Run:
-    """One run: a series per topic, each at its own instants.
+    """One run: topic -> series of columns, each series at its own instants.
 
-    `time_ns` and `columns` are all of them on one common grid, NaN where a topic has no message.
-    left_out: topic -> why its messages could not be read. messages: topic -> how many the file holds, also of
-    those without columns; accounts: what became of those in `series`. known: topic -> its channels, also those that
-    were not asked for. stated: column -> the unit that the header of a table gives its numbers in; mapping.py brings
-    them to SI. told: what reading a table dropped or assumed, a sentence each.
+    `time_ns` and `columns` show all series on one common time grid, with NaN where a topic has no message. metadata:
+    entries that describe the run. left_out: topic -> reason why it could not be read. known: topic -> all its channels,
+    including those that were not asked for. messages: topic -> number of its messages in the file, including topics
+    without columns. accounts: topic -> account of its messages in `series`. Of a table (CSV, say): stated: column ->
+    unit in its header, which mapping.py converts to SI; told: sentences on rows that were dropped and on assumptions.
     """
 
     series: dict[str, Series]
@@ -69,12 +69,13 @@ class Run:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All channels of the recording, also those that were not asked for."""
+        """All channels of the recording, including those that were not asked for."""
         known = self.known or {topic: tuple(one.columns) for topic, one in self.series.items()}
         return tuple(name for names in known.values() for name in names)
 
     def instead_of(self, wanted: str) -> str:
-        """Sentence on a channel, or a pattern, that does not exist: why its topic is not read, or the nearest names."""
+        """Ending of a sentence on a channel or pattern that does not exist: why its topic is not read, or the nearest
+        names."""
         asked = wanted.strip('/')
         for topic, why in self.left_out.items():
             if asked == topic or asked.startswith(f'{topic}/'):
@@ -86,19 +87,19 @@ class Run:
 
     @property
     def passed(self) -> dict[str, int]:
-        """Topic -> messages that are in no series: of topics that are not read, have no columns, or were not asked for."""
+        """Topic -> number of messages in no series: the topic cannot be read, has no columns, or was not asked for."""
         left = {t: n - (self.accounts[t].messages if t in self.accounts else 0) for t, n in self.messages.items()}
         return {topic: count for topic, count in left.items() if count}
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Sentences on messages that were left out or merged when it was read, and on clocks that do not meet."""
+        """Sentences on messages that were dropped or merged in reading, and on topics whose times do not overlap."""
         of_topics = [f'topic {topic}: {text}' for topic, one in self.accounts.items() for text in one.doubts()]
         return (*filter(None, [apart(self.accounts)]), *of_topics)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences on messages that were left out when it was read, without a loss."""
+        """Sentences on messages that were dropped in reading without a loss, such as exact repetitions."""
         return tuple(f'topic {topic}: {text}' for topic, one in self.accounts.items() for text in one.remarks())
 
     @property
@@ -123,16 +124,16 @@ class Run:
 
     @property
     def joint_kinds(self) -> dict[str, str]:
-        """Joint coordinate -> 'rotation' or 'translation', where the recording tells. Raises BagError."""
+        """Joint coordinate -> 'rotation' or 'translation'; empty in old recordings. Raises BagError."""
         return self._said('joint_kinds', dict, str)
 
     @property
     def element_kinds(self) -> dict[str, str]:
-        """Element on joint coordinates -> 'rotation' or 'translation', where the recording tells. Raises BagError."""
+        """Element on joint coordinates -> 'rotation' or 'translation'; empty in old recordings. Raises BagError."""
         return self._said('element_kinds', dict, str)
 
     def _said(self, key: str, kind: type, item: type) -> Any:
-        """An entry of the metadata in JSON: a list or dict of items of one type."""
+        """An entry of the metadata that is JSON: a list or dict (kind) of items of one type; empty if it is missing."""
         text = self.metadata.get(key)
         if text is None:
             return kind()
@@ -143,7 +144,8 @@ class Run:
         items = value.values() if isinstance(value, dict) else value
         if not isinstance(value, kind) or not all(isinstance(one, item) for one in items):
             shown = text if len(text) <= 40 else text[:37] + '...'
-            raise BagError(f'the recording is damaged: its metadata say {key} = {shown!r}, which is not what this package writes')
+            said = f'{key} = {shown!r}, which mbd_sim_ros does not write'
+            raise BagError(f'the recording is damaged: its metadata say {said}')
         return value
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -153,10 +155,11 @@ class Run:
 
 
 def read(path: str | Path, channels: Sequence[str] = (), *, log_times: bool = False, namespace: str = '') -> Run:
-    """Read a recording (files.py). channels: shell patterns of the columns to read ('odom/*'); all without any.
+    """Read a recording. path: a bag directory or file (files.py).
 
-    log_times: the times are those of the recorder, whatever stamps messages have (clocks.py: which count otherwise).
-    namespace: left out of the names of topics, where the recording does not say one itself.
+    channels: shell patterns of the columns to read ('odom/*'); without any all columns are read. log_times: take the
+    times of the recorder instead of the stamps in the messages (clocks.py says which times count otherwise). namespace:
+    removed from the beginning of topic names; a namespace in the recording itself takes precedence.
 
     Raises BagError if it is not a recording, is empty, or is not whole.
     """
@@ -164,9 +167,9 @@ def read(path: str | Path, channels: Sequence[str] = (), *, log_times: bool = Fa
     reading = open_recording(path, skip=skip)
     room = Room(reading.size)
     schemas: dict[int, Schema] = {}
-    collectors: dict[tuple[str, int], Collector] = {}  # by topic and schema: several publishers are one topic
+    collectors: dict[tuple[str, int], Collector] = {}  # (topic, schema) -> collector; several publishers share one
     of_channel: dict[int, Collector] = {}
-    aside: dict[int, str] = {}  # channel -> topic, of those that have no columns
+    aside: dict[int, str] = {}  # channel without columns -> its topic
     left_out: dict[str, str] = {}
     metadata: dict[str, dict[str, str]] = {}
 
@@ -225,7 +228,7 @@ def read(path: str | Path, channels: Sequence[str] = (), *, log_times: bool = Fa
 
 
 def _add(run: Run, one: Collector, clock: Clock, count: int) -> None:
-    """Add a topic to a run. count: of its messages in the file."""
+    """Add the series of a topic to a run. count: number of its messages in the file."""
     found = one.series(clock)
     others = run.known.get(one.name, ())
     apart = one.name == ELEMENTS and not set(others) & set(one.known)

@@ -1,4 +1,4 @@
-"""mbd maneuver: drive the maneuver of a norm with a vehicle, and judge it."""
+"""mbd maneuver: drives the maneuver of a norm with a vehicle, and judges it."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ if TYPE_CHECKING:
     from mbd_sim_ros.analysis.evaluation.driving import Driving
     from mbd_sim_ros.analysis.evaluation.kinds import Evaluation
 
-SAID: dict[str, Callable[[float], str]] = {  # what was found before a maneuver, in words
+# Result of the runs before a maneuver -> its words in the report.
+SAID: dict[str, Callable[[float], str]] = {
     'reference': lambda value: f'reference {math.degrees(value):.4g} deg at the steering wheel',
     'amplitude': lambda value: f'amplitude {math.degrees(value):.4g} deg at the steering wheel',
     'brake_torque': lambda value: f'{value:.4g} N m on all wheels together',
     'preview': lambda value: f'the driver looks {value:.3g} s ahead',
-    'understeer': lambda value: f'the driver counts on {value:.3g} rad s^2/m of understeer',
+    'understeer': lambda value: f'the driver allows for {value:.3g} rad s^2/m of understeer',
 }
 
 
@@ -38,7 +39,7 @@ def add(parsers: Any) -> None:
         '--out',
         metavar='DIR',
         type=Path,
-        help='for recordings and report.html (default: bags/NAME-VEHICLE); what is complete there is kept',
+        help='for recordings and report.html (default: bags/NAME-VEHICLE); complete recordings there are used again',
     )
     add_settings(parser)
     parser.add_argument(
@@ -53,7 +54,7 @@ def add(parsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> Result:
-    """Drive, judge, report."""
+    """Run the command: drive the maneuvers, judge them, write the report."""
     if args.name is None:
         return _listed()
     from mbd_sim_ros.analysis.evaluation import judging
@@ -72,14 +73,15 @@ def run(args: argparse.Namespace) -> Result:
 
 
 def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Evaluation], given: dict[str, float]) -> Result:
-    """Drive what is not there yet, judge, write the report."""
+    """Drive the maneuvers that are not recorded yet, judge all, write the report. Raises the error of the first if all
+    fail."""
     from mbd_sim_ros.analysis.evaluation import judging
     from mbd_sim_ros.analysis.pages import write_text
     from mbd_sim_ros.commands.evaluate import report
     from solver.disk import plain
 
     directory, results, found = driving.directory, [], {}
-    refused: dict[str, MbdError] = {}  # one maneuver of a norm may be none for a car that drives the others
+    refused: dict[str, MbdError] = {}  # maneuver -> error; a car may be unable to drive one maneuver of a norm
     for evaluation in evaluations:
         try:
             places, before = driving.drive(evaluation)
@@ -103,6 +105,7 @@ def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Ev
 
 
 def _listed() -> Result:
+    """The table of all maneuvers."""
     from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS
 
     rows: list[tuple[str, ...]] = [('maneuver', '', 'speed', 'norm')]

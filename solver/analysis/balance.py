@@ -1,13 +1,14 @@
-"""Balances of energy and momentum of a run, element kind by element kind.
+"""Balances of energy and momentum of a run, separately for each kind of element.
 
-At the end of every step the forces of each kind act alone on the motion that the run shows (projected velocities):
+At the end of every step the forces of each kind are evaluated alone, on the motion that the run shows (with projected
+velocities). Over time then holds
 
-    work on the bodies + change of what is stored + what is dissipated = 0            for every kind of element
+    work on the bodies + change of the stored energy + dissipated energy = energy supplied by inputs    for every kind
     change of kinetic energy = work of all kinds, of gravity and of the constraints
-    change of momentum = impulse of all of them; of kinds that act between bodies it is zero
+    change of momentum       = impulse of all of these; the impulse of a kind that acts between bodies is zero
 
-Integrals over time follow the trapezoidal rule, so the balances close to the second order of the method, but for instants where a
-force jumps (a brake that begins to stick). A balance looks from outside; the run itself is not changed by it.
+The integrals over time follow the trapezoidal rule. So the balances close to second order of the step, except at
+instants where a force jumps (a brake that begins to stick). A balance does not change the run.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from solver.simulation import Simulation
 
 
 class Balance:
-    """The balances of a simulation from its present state on; call update() after every single step."""
+    """The balances of a simulation from its present state on. update() must be called after every single step."""
 
     def __init__(self, simulation: Simulation) -> None:
         """Raises SpecError for a level of detail that has no bodies."""
@@ -42,15 +43,19 @@ class Balance:
         self._no_tangents, self._outputs = np.zeros((model.n_slots + 1, 6, 6)), model.new_outputs()
         self._time = simulation.k
         self._inputs = simulation.inputs.copy()
-        # inputs of forces are those of the stage within the step; they are continued to its end, as the accelerations are
+        # The inputs of forces are those at the stage within the step. They are extrapolated to its end, as
+        # accelerations are.
         names = spec.inputs
         self._ahead = np.array([0.0 if is_motion_part(name, names) else simulation.scheme.af for name in names])
         self._rates = self._evaluate()
         self._start = self._now
-        self.total = np.zeros_like(self._rates)  # (rows, 9) integrals of work, dissipation, supply, force (3), moment about the origin (3)
+        # (rows, 9) integrals over time of: power on the bodies, dissipation, supply, force (3), moment about the origin
+        # (3)
+        self.total = np.zeros_like(self._rates)
 
     def update(self) -> None:
-        """Add the step that was just made. Raises ValueError when it was not exactly one."""
+        """Add the step that was just made. Raises ValueError if more or less than one step was made since the last
+        call."""
         if self._simulation.k != self._time + 1:
             raise ValueError(f'balance: from step {self._time} to step {self._simulation.k}; it has to be updated after every step')
         self._time += 1
@@ -71,7 +76,7 @@ class Balance:
             evaluate_forces(tables, kin, state.angle, state.z, 0.0, inputs, False, self._f, none, none, self._z, out)
             return self._f.copy()
 
-        base = forces(self._no_elements)  # gravity and the gyroscopic torques, which are no forces
+        base = forces(self._no_elements)  # gravity and gyroscopic torques, which are in every evaluation
         for row, kind in enumerate(self.rows[:-2]):
             acting[row] = forces(self._alone[kind]) - base
             out = s.model.outputs(kind, self._outputs)
@@ -97,12 +102,16 @@ class Balance:
 
     @property
     def momentum_error(self) -> np.ndarray:
-        """(6,) change of momentum [N s] and of angular momentum about the origin [N m s], less the impulse of all forces."""
+        """(6,) change of momentum [N s] and of angular momentum about the origin [N m s], minus the impulse of all
+        forces."""
         return self._now[2] - self._start[2] - self.total[:, 3:].sum(axis=0)
 
     def report(self) -> dict[str, Any]:
-        """Energies [J] since the start by kind: work on the bodies, change of the stored energy, dissipated, supplied by inputs, and error,
-        what is missing in work + stored + dissipated = supplied; for 'bodies' in kinetic energy = work. `momentum_error` [N s, N m s].
+        """Balances since the start as an object for JSON.
+
+        `energy_by_kind`: kind -> energies [J]: work on the bodies, change of the stored energy, dissipated, supplied by
+        inputs, and error = work + stored + dissipated - supplied. The entry 'bodies' has the kinetic energy as stored,
+        and its error is kinetic energy - work of all kinds. `momentum_error`: see there [N s, N m s].
         """
         stored = self._now[0] - self._start[0]
         table: dict[str, Any] = {}

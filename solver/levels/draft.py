@@ -1,8 +1,9 @@
-"""A ModelSpec while rules change it: parts by name, who holds on to a body, where markers lie, masses that move from body to body.
+"""A model that can be changed: a ModelSpec while rules replace its parts, and move markers and masses from body to
+body.
 
 All places and directions are those of the design frame, in which the bodies of the specification are placed. Sums of
-masses, of first moments and of moments of inertia are exact. Numbers that decide about the bits of a model are computed
-without BLAS (docs/decisions/0008).
+masses, of first moments and of moments of inertia are exact. No number is computed by BLAS, whose bits depend on the
+processor (docs/decisions/0008).
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from solver.validate import Vector
 
 
 class Hold(NamedTuple):
-    """A marker on a body: section and name of the specification, and its field."""
+    """A marker on a body, by section and name of the specification that has it, and its field there ('i', 'j')."""
 
     section: str
     name: str
@@ -33,18 +34,18 @@ class Hold(NamedTuple):
 
 
 def three(v: np.ndarray) -> Vector:
-    """A vector as a tuple of floats."""
+    """A vector (3,) as a tuple of floats."""
     x, y, z = (float(c) for c in v)
     return (x, y, z)
 
 
 def unit(v: np.ndarray) -> np.ndarray:
-    """The vector with length one."""
+    """The vector scaled to length one."""
     return v / norm(v)
 
 
 def spread(mass: float, arm: np.ndarray) -> np.ndarray:
-    """(3, 3) inertia [kg m^2] about a point of a mass [kg] at `arm` [m] from it."""
+    """(3, 3) inertia [kg m^2] of a point mass [kg] about a point; arm: (3,) from that point to the mass [m]."""
     return mass * (float(product(arm, arm)) * np.eye(3) - arm[:, None] * arm[None, :])
 
 
@@ -55,7 +56,10 @@ def marked(cls: Hashable) -> tuple[str, ...]:
 
 
 class Draft:
-    """A model in work. sections: by name of the field of ModelSpec, the specifications by name. lost: what was left out, in words."""
+    """A model that can be changed.
+
+    sections: field of ModelSpec -> name -> specification. lost: sentences on parts that the model has lost (the keys).
+    """
 
     def __init__(self, model: ModelSpec) -> None:
         self._given = model
@@ -70,14 +74,14 @@ class Draft:
         return dataclasses.replace(self._given, road=self.road, **{name: tuple(specs.values()) for name, specs in self.sections.items()})
 
     def lose(self, what: str) -> None:
-        """Note something that is not modelled any more."""
+        """Note, in words, a part or an effect that is not modelled any more."""
         self.lost[what] = None
 
     # -- parts ---------------------------------------------------------------------------------------------------------
 
     @property
     def chassis(self) -> str:
-        """The body that odom and imu describe."""
+        """Name of the body whose motion odom and imu show."""
         return self._given.chassis or self._given.bodies[0].name
 
     @property
@@ -94,7 +98,7 @@ class Draft:
         return self.sections[section].pop(name)
 
     def every(self) -> Iterator[tuple[str, Any]]:
-        """All specifications with their section, without the bodies."""
+        """(section, specification) of all parts but the bodies."""
         for section, specs in self.sections.items():
             if section != 'bodies':
                 for spec in list(specs.values()):
@@ -110,7 +114,7 @@ class Draft:
         ]
 
     def spec(self, hold: Hold) -> Any:
-        """The specification that holds."""
+        """The specification to which a marker belongs."""
         return self.sections[hold.section][hold.name]
 
     def other(self, hold: Hold) -> Marker:
@@ -150,19 +154,19 @@ class Draft:
         return Marker(body=body, position=three(product(axes.T, p - origin)), orientation=quaternion(turned))
 
     def com(self, body: str) -> np.ndarray:
-        """(3,) centre of mass."""
+        """(3,) centre of mass of a body [m]."""
         p, R = self.frame(body)
         return p + product(R, self.bodies[body].com)
 
     def inertia(self, body: str) -> np.ndarray:
-        """(3, 3) about the centre of mass, along the axes of the design frame [kg m^2]."""
+        """(3, 3) inertia of a body about its centre of mass, along the axes of the design frame [kg m^2]."""
         _, R = self.frame(body)
         return product(product(R, self.bodies[body].inertia_matrix()), R.T)
 
     # -- changes -------------------------------------------------------------------------------------------------------
 
     def set_mass(self, body: str, mass: float, com: np.ndarray, inertia: np.ndarray) -> None:
-        """Give a body mass [kg], centre of mass, and inertia about it [kg m^2]."""
+        """Give a body another mass [kg], centre of mass (3,) [m], and inertia (3, 3) about it [kg m^2]."""
         p, R = self.frame(body)
         J = product(product(R.T, inertia), R)
         six = (J[0, 0], J[1, 1], J[2, 2], 0.5 * (J[0, 1] + J[1, 0]), 0.5 * (J[0, 2] + J[2, 0]), 0.5 * (J[1, 2] + J[2, 1]))
@@ -170,7 +174,8 @@ class Draft:
         self.put('bodies', spec.replace(mass=mass, com=three(product(R.T, com - p)), inertia=tuple(float(x) for x in six)))
 
     def add_mass(self, body: str, mass: float, com: np.ndarray, inertia: np.ndarray) -> None:
-        """Fix a mass [kg] with its centre of mass and its inertia about that [kg m^2] to a body; nothing changes on the world."""
+        """Add a rigid mass [kg], with its centre of mass [m] and its inertia about that [kg m^2], to a body. The world
+        has none."""
         if body == WORLD:
             return
         own, at = self.bodies[body].mass, self.com(body)
@@ -179,7 +184,11 @@ class Draft:
         self.set_mass(body, total, middle, self.inertia(body) + inertia + spread(own, at - middle) + spread(mass, com - middle))
 
     def add_inertia(self, body: str, inertia: np.ndarray, of: str) -> None:
-        """Add an inertia that may be negative, left over `of` a part that is gone, unless the body is too light to bear it."""
+        """Add an inertia (3, 3) [kg m^2], which may be negative, of a removed part.
+
+        of: name of that part. If the inertia of the body would not be possible then, nothing is added, and lose() notes
+        it.
+        """
         if body == WORLD:
             return
         try:
@@ -188,10 +197,10 @@ class Draft:
             self.lose(f'a part of the inertia of {of}')
 
     def resist(self, body: str, stiffness: np.ndarray, damping: np.ndarray) -> bool:
-        """Add rotational stiffness [N m/rad] and damping [N m s/rad] (3, 3) to the bushing that a body hangs in, if there is just one.
+        """Add rotational stiffness [N m/rad] and damping [N m s/rad] (3, 3) to the only bushing of a body.
 
-        Only what is along the axes of that bushing counts, and only axes without a law. True where there is such a
-        bushing.
+        Only the components about the axes of the bushing are added; an axis with a law keeps its stiffness. Returns
+        False, and adds nothing, if the body has no bushing or several.
         """
         found = [hold for hold in self.holds(body) if hold.section == 'bushings']
         if len(found) != 1:
@@ -207,13 +216,13 @@ class Draft:
         return True
 
     def move(self, hold: Hold, body: str) -> None:
-        """Let a marker lie on another body, at the same place."""
+        """Move a marker to another body; its place and its axes stay."""
         spec = self.spec(hold)
         p, R = self.placed(getattr(spec, hold.field))
         self.put(hold.section, spec.replace(**{hold.field: self.marker(body, p, R)}))
 
     def merge(self, body: str, into: str) -> None:
-        """Make a body part of another one; elements between the two are gone."""
+        """Make a body a rigid part of another one, and remove the elements between the two."""
         for hold in self.holds(body):
             if hold.name not in self.sections[hold.section]:
                 continue
@@ -227,11 +236,13 @@ class Draft:
         self.drop('bodies', body)
 
     def share(self, body: str, near: str, a: np.ndarray, far: str, b: np.ndarray, about: np.ndarray | None = None) -> None:
-        """Let a part be carried by the bodies at its two ends, a on `near` and b on `far`, and remove it.
+        """Remove a body and divide its mass between the bodies at its two ends: `near`, at the place a, and `far`, at
+        b.
 
-        At b is the point mass with the part's inertia about a (about an axis through a, if one is given), so that `far` feels what the part
-        makes it feel; the rest goes to `near`, at the place that leaves the common centre of mass where it was, with the inertia (it may be
-        negative) that leaves the sum as it was. The spin of the part about its line is left to the caller.
+        `far` gets a point mass at b that has the same inertia about a as the body (about the axis `about` through a, if
+        it is given): so `far` feels the same inertia. `near` gets the rest, at the place that keeps the common centre
+        of mass, with the inertia that keeps the sum; it may be negative. The inertia about the line from a to b is left
+        to the caller.
         """
         mass, com, inertia = self.bodies[body].mass, self.com(body), self.inertia(body)
         line = b - a

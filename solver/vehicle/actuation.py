@@ -1,9 +1,10 @@
-"""Actuation of a vehicle: a model takes other inputs than its template gives it, by rules on the model.
+"""Actuation of a vehicle: gives a model other inputs than its template has, as the key `actuation` of a scene says.
 
-steering: torque   the coupler that imposes the angle of the steering wheel gives way to a torque on it (`driver`), with the end stops
-wheels             every brake gets an input of its own, and a torque `drive_<wheel>` acts on every wheel: that of a driven one at its
-                   output of the differential, whose housing takes the reaction (torque vectoring), up to the top speed of the drive;
-                   that of another one between the wheel and what carries it (a motor in the hub), at any speed
+steering: torque   a torque on the steering wheel, with end stops, replaces the coupler that imposes its angle
+wheels             every brake gets an additional input of its own, and every wheel a drive torque of its own
+                   (input `drive_torque_<wheel>`). On a driven wheel it acts at the output of the differential (torque
+vectoring): the housing takes the reaction, and the top speed of the drive limits it. On another wheel it
+                   acts between the wheel and its carrier (a motor in the hub), at any speed.
 """
 
 from __future__ import annotations
@@ -22,26 +23,33 @@ from solver.inputs.recorded import ACCELERATION, RATE, Reach
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 
-TORQUE = 'steering_torque'
-GEAR = 'gear'
-SWING = 1.0  # by which a pedal may be beyond its stops, where it is held: a spline may swing that far, per cent are further off
-IN_DEGREES = 'if it is in deg, multiply it by 0.0174533'
-STOP = 200.0  # rad/s: of a steering wheel alone on its end stops, whose period takes 31 steps of 1 ms; ten times as much none resolves
-BUFFER = 0.05  # rad, over which the stops take hold
+TORQUE = 'steering_torque'  # input of a steering wheel that turns freely
+GEAR = 'gear'  # input of a gearbox
+# Amount by which a pedal position may be beyond its stops, where it has no further effect. A spline through recorded
+# positions may swing that far; ten times as much would accept positions in per cent.
+SWING = 1.0
+IN_DEGREES = 'if it is in deg, multiply it by 0.0174533'  # remedy for an angle that is too large in rad
+# Natural frequency [rad/s] of a steering wheel alone on its end stops: its period is 31 steps of 1 ms. No usual step
+# would resolve ten times as much.
+STOP = 200.0
+BUFFER = 0.05  # angle [rad] over which the end stops become stiff
+# Inputs that impose the angle of the steering wheel, its rate and its acceleration.
 MOTION = ('steering', 'steering' + RATE, 'steering' + ACCELERATION)
 
 
 def actuated(model: ModelSpec, actuation: Actuation) -> ModelSpec:
-    """The model with the inputs that an actuation wants. Raises SpecError for one that has not what it takes."""
+    """The model with the inputs of an actuation. Raises SpecError for a model without the parts that the actuation
+    needs."""
     if actuation.steering == 'torque':
         model = _steered_by_torque(model)
     return _with_wheels(model) if actuation.wheels else model
 
 
 def _steered_by_torque(model: ModelSpec) -> ModelSpec:
+    """The model with a torque on the steering wheel in place of its imposed angle."""
     drivers = [c for c in model.couplers if c.input == 'steering']
     if len(drivers) != 1 or len(drivers[0].terms) != 1:
-        raise SpecError('actuation: steering = torque: the model has no single coupler that imposes the angle of a steering wheel')
+        raise SpecError('actuation: steering = torque: the model needs one coupler that imposes its steering angle')
     driver = drivers[0]
     torque = CoordinateForceSpec(name=driver.name, terms=driver.terms, input=TORQUE, spring=_end_stops(model))
     inputs = tuple(TORQUE if name == MOTION[0] else name for name in model.inputs if name not in MOTION[1:])
@@ -54,7 +62,10 @@ def _steered_by_torque(model: ModelSpec) -> ModelSpec:
 
 
 def _end_stops(model: ModelSpec) -> Law | None:
-    """Torque [N m] of the end stops over the angle of a free steering wheel [rad], which bounces between them at STOP with what it is."""
+    """Torque [N m] of the end stops over the angle [rad] of a free steering wheel, None without stops.
+
+    Their stiffness gives the steering wheel, with its own inertia, the natural frequency STOP.
+    """
     wheel = next((body for body in model.bodies if body.name == 'steering_wheel'), None)
     if model.lock is None or wheel is None:
         return None
@@ -63,6 +74,7 @@ def _end_stops(model: ModelSpec) -> Law | None:
 
 
 def _with_wheels(model: ModelSpec) -> ModelSpec:
+    """The model with inputs for brake and drive torque of every wheel."""
     brakes = {brake.coordinate: brake for brake in model.brakes}
     outputs = {
         name: (factor, force)
@@ -92,19 +104,22 @@ def _with_wheels(model: ModelSpec) -> ModelSpec:
 
 
 def _as_driven(factor: float, force: CoordinateForceSpec) -> tuple[float, float | None]:
-    """(sign, top speed [rad/s]) of one output of a drive, which has that speed when all of them turn as fast."""
+    """(sign of the factor, top speed [rad/s]) of one output of a drive.
+
+    The top speed is that of the output when all outputs turn equally fast; None without a limit.
+    """
     sign = 1.0 if factor > 0.0 else -1.0
     return sign, None if force.top_rate is None else force.top_rate / sum(abs(each) for _, each in force.terms)
 
 
 def forward_gears(model: ModelSpec) -> int | None:
-    """Number of gears of the gearboxes that follow the input `gear`; None where there is none."""
+    """Number of forward gears of the gearboxes that follow the input `gear`; None without a gearbox."""
     return max((len(clutch.ratios) for clutch in model.clutches if clutch.gear == GEAR), default=None)
 
 
 def reaches(model: ModelSpec) -> dict[str, Reach]:
-    """Ranges in which pedals and gears of a model have an effect, by input. An input beyond its range would be held
-    within it unsaid."""
+    """Input of a pedal or a gear -> range in which it has an effect. Beyond it an element would clip the input
+    silently."""
     found: dict[str, Reach] = {}
     for engine in model.engines:
         low, high = min(0.0, engine.pedals[0]), max(1.0, engine.pedals[-1])
@@ -121,7 +136,7 @@ def reaches(model: ModelSpec) -> dict[str, Reach]:
 
 
 def steering_reaches(model: ModelSpec) -> dict[str, Reach]:
-    """Angles at which a vehicle can be steered, by input; one beyond is in degrees."""
+    """Input of the steering -> range of possible angles [rad]; an angle beyond it is probably in degrees."""
     if not model.tires or MOTION[1] not in model.inputs:
         return {}
     what = f'is too large in rad for the angle of a steering wheel ({LOCK:g} rad, three turns, at most); {IN_DEGREES}'
@@ -129,7 +144,7 @@ def steering_reaches(model: ModelSpec) -> dict[str, Reach]:
 
 
 def assisted_wheels(model: ModelSpec) -> tuple[AssistedWheel, ...]:
-    """Wheels of a vehicle, as an assistance needs them, in the order of its tires; their radii are those under nominal
+    """Wheels of a vehicle, as an assistance needs them, in the order of its tires. Their radius is that at nominal
     load."""
     places = {b.name: k for k, b in enumerate(model.bodies)}
     shares = {brake.coordinate: brake.gain for brake in model.brakes}

@@ -1,11 +1,12 @@
 """Braking: stopping distance on a straight road [ISOStopping2007] and on split friction [ISOSplit1999].
 
-Distances are integrals of the speed from the instant at which the brakes are applied; where that happens several times, those by which the
-speed falls most. The car stands when its speed along itself is zero, so one that turns across its way is refused.
+A distance is the integral of the speed from the instant at which the brakes are applied. If they are applied several
+times, the application counts that reduces the speed most. The car stands when its speed along its own axis is zero. So
+a car that spins, and moves across its own axis, is refused.
 
 Mean fully developed deceleration [BrakingUN2014]:
 
-    (v_b^2 - v_e^2) / (2 (s_e - s_b))   with v_b = 0.8 v_0, v_e = 0.1 v_0, s_b and s_e travelled at these speeds
+    (v_b^2 - v_e^2) / (2 (s_e - s_b))   with v_b = 0.8 v_0, v_e = 0.1 v_0, and s_b, s_e the distances at these speeds
 
 The stopping distance is corrected to the nominal speed by the square of the ratio of the speeds.
 """
@@ -26,16 +27,20 @@ from solver.units import STANDARD_GRAVITY
 
 NORM = 'ISO 21994:2007 [ISOStopping2007]'
 SPLIT = 'ISO 14512:1999 [ISOSplit1999]'
-APPLIED = 0.02  # part of the largest brake command that counts as applied
-RELEASED = 0.5  # s without it after which the brakes are applied again; less is pumping
-MOVING = 2.0  # m/s from which on there is something to brake
-ACROSS = math.radians(60.0)  # from its direction when the brakes are applied, by which a car has turned round
-BEGIN, END = 0.8, 0.1  # of the initial speed
-SPLIT_BY = 0.1  # least difference of the factors on friction under the wheels of a split road
-LEAST = 0.5 * STANDARD_GRAVITY  # m/s^2 on a dry road for which the time of a stop suffices; on others in proportion to their friction
-COARSE = 0.02  # part of the stopping distance that is travelled between two samples when the brakes are applied, without a note
-LONGEST = 120.0  # s that a stop is given, whatever the friction
-STRIP = 1.35  # s from the start to the slippery strip
+APPLIED = 0.02  # brake command, relative to its largest value, from which on the brakes are applied
+RELEASED = 0.5  # time [s] with released brakes after which they count as applied anew; a shorter time is pumping
+MOVING = 2.0  # least speed [m/s] at which an application of the brakes counts
+ACROSS = math.radians(60.0)  # yaw angle [rad] since the brakes were applied from which on a car spins
+BEGIN, END = 0.8, 0.1  # speeds, relative to the initial speed, between which the deceleration is fully developed
+SPLIT_BY = 0.1  # least difference of the friction factors under the wheels on a split road
+# Deceleration [m/s^2] that a stop on a dry road has at least, for its duration; on other roads in proportion to their
+# friction.
+LEAST = 0.5 * STANDARD_GRAVITY
+# Distance between two samples at the beginning of braking, relative to the stopping distance, from which on a note
+# tells of it.
+COARSE = 0.02
+LONGEST = 120.0  # longest duration of a stop [s], whatever the friction
+STRIP = 1.35  # time [s] from the start until the car reaches the slippery strip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,15 +75,18 @@ def stop(s: Signals, rest: float) -> tuple[float, float, np.ndarray]:
 
 
 def keep_ahead(s: Signals, t0: float, end: float) -> None:
-    """Raises BagError for a car that turns across its way from t0 to end [s]: its speed along itself is not that of its way then."""
+    """Raise BagError for a car that spins between t0 and end [s]: the speed along its axis is then not the speed on its
+    path."""
     turned = integral(s.t, s['yaw_rate'])
     if np.abs(turned - at(s.t, turned, t0))[s.between(t0, end)].max() > ACROSS:
         raise s.refuse('the car spins in the recording: its wheels lock; brake with less torque')
 
 
 def application(s: Signals, brake: np.ndarray) -> float:
-    """The instant [s] at which the brakes are applied by which the speed falls most; a note tells of others while the car moves, and of
-    brakes that are on from the first sample."""
+    """Instant [s] of the application of the brakes that reduces the speed most.
+
+    A note tells of other applications while the car moves, and of brakes that are on in the first sample.
+    """
     level = APPLIED * brake.max()
     on = np.flatnonzero(brake >= level)
     first = on[np.diff(s.t[on], prepend=-math.inf) > RELEASED]
@@ -88,17 +96,19 @@ def application(s: Signals, brake: np.ndarray) -> float:
     t0 = applied(s.t[begin:], brake[begin:], level)
     if t0 == s.t[0]:
         s.notes.append(
-            f'the brakes are on in the first sample, at {100.0 * brake[0] / brake.max():.2g} % of their largest: what was travelled before '
-            'is not in the distance, or, where a sensor shows that at rest, all the way to the brakes is; a mapping file gives its `offset`'
+            f'the brakes are on in the first sample, at {100.0 * brake[0] / brake.max():.2g} % of their largest value: '
+            'the distance counts from there. If a sensor shows that value at rest, a mapping file gives its `offset`'
         )
     times = int(np.sum(s['speed'][first] >= MOVING))
     if times > 1:
-        s.notes.append(f'the brakes are applied {times} times in it; judged from t = {t0:.4g} s on, by which the speed falls most')
+        judged = f'judged from t = {t0:.4g} s on, where the speed falls most'
+        s.notes.append(f'the brakes are applied {times} times; {judged}')
     return t0
 
 
 def developed(s: Signals, t0: float, way: np.ndarray, end: float = math.inf) -> float:
-    """Mean fully developed deceleration [m/s^2]; NaN where the speed does not come down so far until `end` [s]."""
+    """Mean fully developed deceleration [m/s^2]; NaN if the speed does not fall to END of its initial value until `end`
+    [s]."""
     v0 = at(s.t, s['speed'], t0)
     tb, te = (crossing(s.t, -s['speed'], -part * v0, after=t0) for part in (BEGIN, END))
     if not te <= end:
@@ -124,8 +134,8 @@ def judge_stopping(s: Signals, p: Stopping) -> Result:
     between = v0 * s.every('speed')
     if between > COARSE * distance:
         notes.append(
-            f'the speed is recorded every {s.every("speed"):.3g} s: it falls from an instant between two samples on, and the distance is '
-            f'not known better than to {between:.2g} m'
+            f'the speed is recorded every {s.every("speed"):.3g} s: braking begins between two samples, and the '
+            f'distance is not known better than to {between:.2g} m'
         )
     figures = (
         Figure('initial_speed', 'speed when the brakes are applied', v0, 'm/s'),
@@ -148,7 +158,11 @@ def judge_stopping(s: Signals, p: Stopping) -> Result:
 
 
 def slippery(s: Signals, t0: float, end: float) -> float:
-    """Until when the braked car is on split friction: a wheel leaves the low friction, or `end` [s]. Notes say so, and where it is none."""
+    """Instant [s] until which the braked car is on split friction: that at which a wheel leaves the low friction, or
+    `end`.
+
+    Notes say where a wheel leaves, and where the friction is not split.
+    """
     under = {name: s[name] for name in UNDER if name in s}
     if len(under) < len(UNDER):
         s.notes.append('whether the wheels stay on the split friction is not known: the recording has no friction under them')
@@ -176,7 +190,7 @@ def slippery(s: Signals, t0: float, end: float) -> float:
 
 
 def judge_split(s: Signals, p: SplitFriction) -> Result:
-    """Deceleration and what the car does aside of it, while it is on split friction. Raises BagError."""
+    """Deceleration, yaw and lateral deviation of a car while it brakes on split friction. Raises BagError."""
     t0, end, way = stop(s, p.rest)
     stops = not math.isnan(end)
     stays = end if stops else float(s.t[-1])
@@ -230,12 +244,12 @@ def judge_split(s: Signals, p: SplitFriction) -> Result:
 
 
 def time_of_stop(scene: Scene) -> dict[str, object]:
-    """As long as a stop takes at this speed and friction."""
+    """Overrides of a scene: its duration, long enough for a stop at this speed and friction."""
     return {'duration': round(min(max(9.0, 2.0 + speed_of(scene) / (LEAST * scene.model.road.friction)), LONGEST), 1)}
 
 
 def strip(scene: Scene) -> dict[str, object]:
-    """The slippery strip, from a place before that of braking to one that the car cannot reach."""
+    """Overrides of a scene: its slippery strip, from a place before braking to one that the car cannot reach."""
     speed = speed_of(scene)
     begin = STRIP * speed
     length = speed * max(scene.duration - STRIP, 1.0)

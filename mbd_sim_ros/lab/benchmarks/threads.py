@@ -1,4 +1,4 @@
-"""Independent simulations one after the other on one core, and in threads on several."""
+"""Benchmark of threads: independent simulations, one after the other on one core, and in threads on several cores."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from solver import simulation_of
 from solver.files.scene import load_scene
 from solver.parallel import advance_all
 
-COUNT = 2  # simulations and threads
-BATCH = 500  # steps per call
-FIGURES = {
+COUNT = 2  # number of simulations, and of threads
+BATCH = 500  # steps in a call
+FIGURES = {  # figure of a report -> its explanation
     'serial': f'{COUNT} simulations one after the other, per step of one [us of elapsed time]: median',
     'threads': f'the same in {COUNT} threads, per step of one: median',
     'speedup': 'serial over threads, both of the same moment: median',
@@ -24,16 +24,16 @@ FIGURES = {
 
 
 class Threads:
-    """Measures one case. Raises SceneError, SpecError or ConsistencyError on construction, StepError from round()."""
+    """Measures one scene. Raises SceneError, SpecError or ConsistencyError on construction, StepError from round()."""
 
     def __init__(self, scene: str, overrides: Sequence[str]) -> None:
         self.simulations = [simulation_of(load_scene(scene, overrides)) for _ in range(COUNT)]
         for simulation in self.simulations:
             warm_up(simulation)
-        self._times: list[tuple[float, float]] = []
+        self._times: list[tuple[float, float]] = []  # (serial, in threads) of each batch [s]
 
     def round(self, steps: int) -> None:
-        """The same steps one after the other and in threads, in turns."""
+        """Measure `steps` steps in batches; each batch is made one after the other, and again in threads."""
         for _ in range(max(1, steps // BATCH)):
             first = self.simulations[0]
             if first.k + BATCH > first.scene.steps:
@@ -53,7 +53,7 @@ class Threads:
             self._times.append((t1 - t0, t3 - t2))
 
     def close(self) -> None:
-        """Nothing to end."""
+        """Nothing is to be closed; every benchmark has this method."""
 
     def figures(self) -> dict[str, Any]:
         """The part of the report that belongs to this case."""
