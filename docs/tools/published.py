@@ -94,6 +94,8 @@ PRODUCTS: dict[str, Product] = {  # those that take seconds first
     'penalty_map': _study('penalty_map'),
     'stability': _study('stability'),
     'mechanisms': _study('mechanisms'),
+    'verdicts': _study('verdicts'),
+    'change_points': _study('change_points'),
     'constants': _study('constants'),
     'plan': _study('plan'),
     'trade': Product(

@@ -41,8 +41,8 @@ def add(parsers: Any) -> None:
     parser.add_argument('--workers', metavar='N', type=int, help='of the study trade: runs at a time (default: as many as there are cores)')
     parser.add_argument('--out', metavar='DIR', type=Path, help='directory of the report (default: out/NAME, or out/NAME/SCENE)')
     parser.add_argument('--quick', action='store_true', help='a few runs only: for a first look, not for conclusions')
-    parser.add_argument('--n', metavar='N', type=int, help='of the study mechanisms: how many of them')
-    parser.add_argument('--seed', metavar='SEED', type=int, help='of the study mechanisms: of their series (default: 0)')
+    parser.add_argument('--n', metavar='N', type=int, help='of a study that draws samples (mechanisms, verdicts, change_points): how many')
+    parser.add_argument('--seed', metavar='SEED', type=int, help='of a study that draws samples: of their series (default: 0)')
     parser.add_argument('--strict', action='store_true', help='exit code 1 when a check is not met')
 
 

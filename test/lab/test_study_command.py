@@ -245,3 +245,43 @@ def test_constants_find_what_one_number_does_and_go_on(capsys, tmp_path, monkeyp
     assert '| `ORDER` |' in (tmp_path / 'report.md').read_text()
     monkeypatch.setattr(study.Variant, 'run', lambda *_: pytest.fail('it was computed before'))
     assert quick(capsys, 'constants', tmp_path)['rows'] == found['rows']
+
+
+@pytest.mark.slow
+def test_verdicts_holds_runs_against_the_reference_and_goes_on_where_it_was(capsys, tmp_path, monkeypatch):
+    """Two smooth mixtures: no run of 1 ms is wrong; of five steps and two penalties each run is judged once."""
+    study = module('verdicts')
+    monkeypatch.setattr(study, 'QUICK_SAMPLES', 2)
+    found = quick(capsys, 'verdicts', tmp_path)
+    assert [(row['of'], row['runs']) for row in found['steps']] == [*((f'{h:g} ms', 2) for h in (10, 5, 2, 1, 0.5)), ('all', 10)]
+    assert found['steps'][3]['off by more than 5%'] == found['steps'][-1]['failed or refused'] == 0
+    assert found['steps'][4]['median error of ok'] < found['steps'][3]['median error of ok'] / 3.0  # second order
+    for name in ('motion', 'simulate'):
+        monkeypatch.setattr(study, name, lambda *_: pytest.fail('it was computed before'))
+    assert quick(capsys, 'verdicts', tmp_path)['steps'] == found['steps']
+
+
+def test_verdicts_counts_wrong_ok_and_right_suspect_runs():
+    """Of runs that have a reference; one without and one that failed are counted beside them."""
+    study = module('verdicts')
+    runs = [('ok', 0.06), ('ok', 0.04), ('suspect', 0.009), ('suspect', 0.2), ('ok', None), ('error', None)]
+    runs = [{'status': status, 'error': error} for status, error in runs]
+    assert [study.of_run(run) for run in runs] == ['ok, but wrong', '', 'suspect, but right', '', '', 'error']
+    line = study.line('all', runs)
+    assert (line['ok'], line['off by more than 5%'], line['suspect'], line['within 1%']) == (2, 1, 2, 1)
+    assert (line['no reference'], line['failed or refused']) == (1, 1)
+
+
+@pytest.mark.slow
+def test_change_points_finds_the_trend_of_the_step(capsys, tmp_path, monkeypatch):
+    """Two linkages that pass fast: no run is an outlier, whatever the penalty; a run far off the trend is one."""
+    study = module('change_points')
+    chosen = [one for one in study.linkages() if one.name in ('rhombus', 'equal_slider_crank')]
+    monkeypatch.setattr(study, 'linkages', lambda: chosen)
+    found = quick(capsys, 'change_points', tmp_path)
+    assert found['missed'] == []
+    assert [row['linkage'] for row in found['passages']] == [one.name for one in chosen for _ in study.PENALTIES]
+    assert all(row['ok'] + row['suspect'] == 3 for row in found['passages'])
+    held = [{'status': 'ok', 'h': h, 'error': factor * h * h} for h, factor in ((0.01, 2.0), (0.02, 2.0), (0.04, 30.0))]
+    assert study.trend(held) == 2.0
+    assert study.outliers(held, 2.0) == held[2:]

@@ -52,8 +52,10 @@ STUDIES: dict[str, str] = {  # name: module
     'levels': 'mbd_sim_ros.lab.studies.levels',
     'plan': 'mbd_sim_ros.lab.studies.plan',
     'mechanisms': 'mbd_sim_ros.lab.studies.mechanisms',
+    'verdicts': 'mbd_sim_ros.lab.studies.verdicts',
     'stability': 'mbd_sim_ros.lab.studies.stability',
     'constants': 'mbd_sim_ros.lab.studies.constants',
+    'change_points': 'mbd_sim_ros.lab.studies.change_points',
 }
 
 
