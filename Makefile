@@ -1,4 +1,5 @@
-# make setup   .venv with everything
+# make setup   .venv with what the program needs, below 700 MB
+# make tools   what lint and tests need besides (1.2 GB more); make lint, check, test, docs and wheel bring it by themselves
 # make check   after an edit: lint, and every test that is neither slow nor long nor bound to the clock
 # make test    all tests but the long ones; make lint: ruff, the floors of the house, types, published figures that are older than their sources
 # make docs    makes those figures anew
@@ -19,19 +20,35 @@ PYTHON ?= $(shell for p in python3 python3.12 python3.11 python3.13; do \
 export PYTHONDONTWRITEBYTECODE :=
 # Where ROS 2 Jazzy is sourced its own rclpy is used; elsewhere the extra `ros` brings the same release as wheels.
 SYSTEM_ROS := $(shell [ "$$ROS_DISTRO" = jazzy ] && $(PYTHON) -c 'import rclpy' 2>/dev/null && echo yes)
-EXTRAS := $(if $(SYSTEM_ROS),test$(,)dev,ros$(,)test$(,)dev)
+ROS := $(if $(SYSTEM_ROS),,ros$(,))
 
-STAMP := $(VENV)/.installed
+# Each says that what it is named after is there.
+INSTALLED := $(VENV)/.installed
+TOOLS := $(VENV)/.tools
 
-.PHONY: python setup runtime check test lint docs oldest newest site wheel bench demo clean
+define NEXT
 
-setup: python $(STAMP)
+next:
+  . $(VENV)/bin/activate
+  mbd list                                   # scenes, vehicles, maneuvers, tires, roads, studies
+  mbd run car_step_steer --out bags/first    # the first run compiles, which takes about a minute
+  mbd view bags/first --out out/first.html   # open it in a browser
+Tab completes names (bash): eval "$$(register-python-argcomplete mbd)"
+endef
+export NEXT
+
+.PHONY: python setup tools runtime check test lint docs oldest newest site wheel bench demo clean
+
+setup: python $(INSTALLED)
+	@echo "$$NEXT"
+
+tools: python $(TOOLS)
 
 define environment
 	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(if $(SYSTEM_ROS),--system-site-packages) $(VENV) || \
 		{ rm -rf $(VENV); echo 'no virtual environment could be made: apt-get install python3-venv'; exit 1; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e '.$(1)'
-	@$(BIN)/python -m compileall -qq -j 0 mbd_sim_ros solver \
+	@$(BIN)/python -m compileall -qq -j 0 -x '/tests/' mbd_sim_ros solver \
 		$$(ls -d $(VENV)/lib/python3*/site-packages/{llvmlite,mcap,numba,numpy,scipy,yaml} 2>/dev/null) || true  # those that the system has not; it works without
 endef
 
@@ -46,11 +63,15 @@ python:
 		exit 1; \
 	done
 
-$(STAMP): setup.py setup.cfg pyproject.toml Makefile | python
-	$(call environment,[$(EXTRAS)])
+$(INSTALLED): setup.py setup.cfg pyproject.toml Makefile | python
+	$(call environment,$(if $(ROS),[ros]))
 	@touch $@
 
-# What `mbd` itself needs, which is a quarter of it: kernels can be compiled while `make setup` brings the rest.
+$(TOOLS): setup.py setup.cfg pyproject.toml Makefile | python
+	$(call environment,[$(ROS)test,dev])
+	@touch $@ $(INSTALLED)
+
+# What `mbd` itself needs: kernels can be compiled while `make tools` brings the rest.
 runtime: python
 	$(call environment)
 
@@ -58,11 +79,11 @@ check: lint
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'not slow and not realtime and not long'
 
 # Tests that wait for the clock beside a process run after those that need all cores.
-test: setup
+test: tools
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'not realtime and not long'
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'realtime and not long'
 
-lint: setup
+lint: tools
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-logo
@@ -70,26 +91,26 @@ lint: setup
 	$(BIN)/python docs/tools/published.py
 
 # Figures and pictures of the documents that are older than what they depend on, made anew; hours where all are. Goes on where it stopped.
-docs: setup
+docs: tools
 	$(BIN)/python docs/tools/published.py --make
 
-oldest newest: setup
+oldest newest: python $(INSTALLED)
 	.ci/ends $@ $(BIN)/python
 
-site: setup $(VENV)/.site
+site: python $(INSTALLED) $(VENV)/.site
 	$(BIN)/python docs/tools/site_pages.py
 
-$(VENV)/.site: setup.py | setup
+$(VENV)/.site: setup.py | $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[site]'
 	@touch $@
 
-wheel: setup
+wheel: tools
 	.ci/wheel $(BIN)/python
 
-bench: setup
+bench: python $(INSTALLED)
 	$(BIN)/mbd bench
 
-demo: setup
+demo: python $(INSTALLED)
 	$(BIN)/python -m mbd_sim_ros.commands.demo
 
 clean:

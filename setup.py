@@ -74,7 +74,7 @@ setup(
     },
     data_files=data_files(),
     zip_safe=False,
-    install_requires=[*COMPILED_WITH, 'pyyaml', 'matplotlib', 'tqdm'],
+    install_requires=[*COMPILED_WITH, 'pyyaml', 'matplotlib', 'tqdm', 'argcomplete'],
     extras_require={
         # Genuine ROS 2 Jazzy wheels, for machines without ROS. Where Jazzy is installed its own rclpy is used instead.
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp'],

@@ -7,7 +7,7 @@ from mbd_sim_ros import beginning
 beginning.hold('mbd', 'mbd_sim_ros.commands.main', 'mbd_sim_ros.commands.demo')  # before anything that takes time
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,6 +38,38 @@ def declare(parsers: Any, name: str, run: Any, help_: str, example: str) -> argp
     parser.add_argument('--json', action='store_true', help='print exactly one JSON object on stdout')
     parser.set_defaults(run=run, parser=parser)
     return parser
+
+
+def offer(action: argparse.Action, names: Callable[[], Iterable[str]], *, files: bool = False) -> argparse.Action:
+    """Names that the Tab key offers for an argument, looked for when it is pressed. files: and, once something is typed, paths of files
+    that scenes are made of. Returns the action."""
+
+    def completer(prefix: str, **_: Any) -> list[str]:
+        from argcomplete.completers import FilesCompleter
+
+        paths = FilesCompleter(('yaml', 'tir'))(prefix) if files and prefix else ()
+        return [*(name for name in names() if name.startswith(prefix)), *paths]
+
+    action.completer = completer  # type: ignore[attr-defined]  # where argcomplete looks
+    return action
+
+
+def names_of(kind: str, ending: str = '') -> Callable[[], Iterable[str]]:
+    """The names of a kind of files (solver.files.catalogue.KINDS) with an ending, for offer()."""
+
+    def names() -> Iterable[str]:
+        from solver.files.catalogue import files
+
+        return [name + ending for name in files(kind)]
+
+    return names
+
+
+def evaluations() -> Iterable[str]:
+    """The names of the evaluations, for offer()."""
+    from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS
+
+    return [evaluation.name for evaluation in EVALUATIONS]
 
 
 def add_log_times(parser: Any) -> None:
@@ -71,10 +103,11 @@ def add_settings(parser: argparse.ArgumentParser, help_: str = SET_HELP) -> None
     parser.add_argument('--set', metavar='KEY=VALUE', action=Settings, default=[], dest='overrides', help=help_)
 
 
-def add_scene(parser: argparse.ArgumentParser, help_: str = SCENE_HELP) -> None:
-    """The arguments SCENE and --set."""
-    parser.add_argument('scene', metavar='SCENE', help=help_)
+def add_scene(parser: argparse.ArgumentParser, help_: str = SCENE_HELP) -> argparse.Action:
+    """The arguments SCENE, which is returned, and --set."""
+    scene = offer(parser.add_argument('scene', metavar='SCENE', help=help_), names_of('scenes'), files=True)
     add_settings(parser)
+    return scene
 
 
 def table(rows: Sequence[tuple[str, ...]]) -> str:

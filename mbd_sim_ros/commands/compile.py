@@ -6,7 +6,7 @@ import argparse
 import time
 from typing import Any
 
-from mbd_sim_ros.commands import SCENE_HELP, Result, declare, table
+from mbd_sim_ros.commands import SCENE_HELP, Result, declare, names_of, offer, table
 from solver.errors import MbdError
 
 SCENES = ('slider_crank', 'car_swept_steer')  # between them they use every kernel but those of rarely used elements and settings
@@ -15,7 +15,8 @@ SCENES = ('slider_crank', 'car_swept_steer')  # between them they use every kern
 def add(parsers: Any) -> None:
     """Declare the command."""
     parser = declare(parsers, 'compile', run, 'compile what scenes need, ahead of their first run', 'mbd compile car_swept_steer')
-    parser.add_argument('scenes', metavar='SCENE', nargs='*', help=f'{SCENE_HELP} (default: {" ".join(SCENES)})')
+    scenes = parser.add_argument('scenes', metavar='SCENE', nargs='*', help=f'{SCENE_HELP} (default: {" ".join(SCENES)})')
+    offer(scenes, names_of('scenes'), files=True)
 
 
 def run(args: argparse.Namespace) -> Result:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import Result, add_log_times, declare, table
+from mbd_sim_ros.commands import Result, add_log_times, declare, evaluations, offer, table
 from solver.errors import MbdError, SpecError
 
 if TYPE_CHECKING:
@@ -35,7 +35,10 @@ def add(parsers: Any) -> None:
         'bag directory, .mcap file, table (.csv, .tsv, .txt), .mf4, CAN log (.blf, .asc) or directory of .csv files; several are a series'
     )
     parser.add_argument('bags', metavar='BAG', type=Path, nargs='*', help=source)
-    parser.add_argument('--as', metavar='NAME', dest='name', default='', help='the evaluation, where the recording does not state it')
+    offer(
+        parser.add_argument('--as', metavar='NAME', dest='name', default='', help='the evaluation, where the recording does not state it'),
+        evaluations,
+    )
     parser.add_argument('--list', action='store_true', help='list the evaluations and their parameters')
     parser.add_argument(
         '--set',

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import Result, add_scene, declare, table
+from mbd_sim_ros.commands import Result, add_scene, declare, names_of, offer, table
 from solver.errors import MbdError
 
 if TYPE_CHECKING:
@@ -26,9 +26,11 @@ def add(parsers: Any) -> None:
     """Declare the command."""
     what = 'show what a scene, a vehicle, a tire file (.tir) or a recording consists of'
     parser = declare(parsers, 'info', run, what, 'mbd info slider_crank\n  mbd info compact_fwd\n  mbd info bags/run')
-    add_scene(
+    scene = add_scene(
         parser, 'path of a scene, vehicle, tire file or recording, or a name in config/scenes, config/vehicles or (with .tir) config/tires'
     )
+    kinds = (names_of('scenes'), names_of('vehicles'), names_of('tires', '.tir'))
+    offer(scene, lambda: [name for names in kinds for name in names()], files=True)
     parser.add_argument(
         '--brief', action='store_true', help='leave out the figures of a vehicle and the errors of its level, which take seconds'
     )

@@ -54,10 +54,13 @@ from mbd_sim_ros.commands import (
     sweep,
     view,
 )
+from mbd_sim_ros.commands import (
+    list as listing,
+)
 from solver.disk import plain
 from solver.errors import MbdError, missing, refused, suggestion
 
-COMMANDS = (info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, schema, study, bench, compile)
+COMMANDS = (listing, info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, schema, study, bench, compile)
 USAGE_ERROR, INTERNAL_ERROR = 2, 70
 HELP = ('-h', '--help', '--version')
 OUTPUT = 'the output'  # what sentences call it
@@ -118,6 +121,10 @@ def parser() -> Parser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; never raises, apart from --help's SystemExit. A program ends here."""
+    if '_ARGCOMPLETE' in os.environ:  # the Tab key in a shell: offers what may stand here, and ends the process
+        import argcomplete
+
+        argcomplete.autocomplete(parser(), always_complete_options=False)
     code = _command(argv)
     if PROGRAM:
         interrupts.end(code)

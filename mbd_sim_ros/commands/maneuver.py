@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import Result, add_settings, declare, table
+from mbd_sim_ros.commands import Result, add_settings, declare, evaluations, names_of, offer, table
 from solver.disk import alone
 from solver.errors import MbdError, SpecError
 
@@ -33,8 +33,12 @@ def add(parsers: Any) -> None:
     help_ = 'drive the maneuver of a norm with a vehicle and judge it; without a name list them'
     example = 'mbd maneuver iso4138 light_car --out out/iso4138\n  mbd maneuver fmvss126 full_car --set integrator.h=0.002 --json'
     parser = declare(parsers, 'maneuver', run, help_, example)
-    parser.add_argument('name', metavar='NAME', nargs='?', help='an evaluation (mbd evaluate --list), or a norm: all of its maneuvers')
-    parser.add_argument('vehicle', metavar='VEHICLE', nargs='?', help='path of a vehicle file, or a name in config/vehicles')
+    name = parser.add_argument(
+        'name', metavar='NAME', nargs='?', help='an evaluation (mbd evaluate --list), or a norm: all of its maneuvers'
+    )
+    offer(name, evaluations)
+    vehicle = parser.add_argument('vehicle', metavar='VEHICLE', nargs='?', help='path of a vehicle file, or a name in config/vehicles')
+    offer(vehicle, names_of('vehicles'), files=True)
     parser.add_argument(
         '--out',
         metavar='DIR',

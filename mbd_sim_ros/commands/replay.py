@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import SET_HELP, Result, add_settings, declare, table
+from mbd_sim_ros.commands import SET_HELP, Result, add_settings, declare, names_of, offer, table
 from mbd_sim_ros.commands.scene_keys import add_keys, overrides_of
 from solver.errors import BagError, SpecError
 
@@ -37,7 +37,7 @@ def add(parsers: Any) -> None:
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
     add_settings(parser, SET_HELP + '; compares channels')
     add_keys(parser, 'vehicle', 'fidelity', does='; compares channels')
-    parser.add_argument('--scene', metavar='SCENE', help=SCENE_HELP)
+    offer(parser.add_argument('--scene', metavar='SCENE', help=SCENE_HELP), names_of('scenes'), files=True)
     parser.add_argument('--out', metavar='DIR', type=Path, help='keep the new recording here')
 
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 
+from mbd_sim_ros.commands import names_of, offer
+
 KEYS = {
     'vehicle': ('FILE', 'another vehicle: a path, or a name in config/vehicles'),
     'maneuver': ('FILE', 'another maneuver: a path, or a name in config/maneuvers'),
     'fidelity': ('LEVEL', 'another level of detail: full, condensed, kc, single_track, or auto: as the scene is planned'),
     'duration': ('SECONDS', 'simulated time instead of the duration in the scene'),
 }
+LEVELS = ('full', 'condensed', 'kc', 'single_track', 'auto')
 FOLDERS = {'vehicle': 'vehicles', 'maneuver': 'maneuvers'}
 
 
@@ -17,7 +20,11 @@ def add_keys(parser: argparse.ArgumentParser, *keys: str, does: str = '') -> Non
     """Declare options for these keys of KEYS. does: what else they do."""
     for key in keys:
         name, text = KEYS[key]
-        parser.add_argument(f'--{key}', metavar=name, type=float if key == 'duration' else str, help=text + does)
+        action = parser.add_argument(f'--{key}', metavar=name, type=float if key == 'duration' else str, help=text + does)
+        if key in FOLDERS:
+            offer(action, names_of(FOLDERS[key]), files=True)
+        elif key == 'fidelity':
+            offer(action, lambda: LEVELS)
 
 
 def overrides_of(args: argparse.Namespace) -> list[str]:

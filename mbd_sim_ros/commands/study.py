@@ -7,20 +7,20 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from mbd_sim_ros.commands import SCENE_HELP, Result, add_settings, declare, table
+from mbd_sim_ros.commands import SCENE_HELP, Result, add_settings, declare, names_of, offer, table
 
 BAR = '{percentage:3.0f}% |{bar:30}| {desc}'
 
 
 class _Listing(argparse.RawDescriptionHelpFormatter):
-    """Lists the studies below the help; only then are their modules imported."""
+    """Lists the studies below the help."""
 
     def format_help(self) -> str:
-        from mbd_sim_ros.lab.studies import STUDIES, installed, module
+        from mbd_sim_ros.lab.studies import STUDIES, installed, summary
 
         here = installed()
         others = [name for name in STUDIES if name not in here]
-        lines = [f'  {name:20} {module(name).SUMMARY}\n' for name in here]
+        lines = [f'  {name:20} {summary(name)}\n' for name in here]
         more = f'in a checkout of the source only:\n  {", ".join(others)}\n' if others else ''
         return f'{super().format_help()}\nstudies:\n{"".join(lines)}{more}'
 
@@ -35,8 +35,9 @@ def add(parsers: Any) -> None:
         'mbd study trade car_step_steer --set duration=4\n  mbd study mechanisms --n 1000 --seed 0',
     )
     parser.formatter_class = _Listing
-    parser.add_argument('name', metavar='NAME', help='one of the studies below')
-    parser.add_argument('scene', metavar='SCENE', nargs='?', help=f'of the study trade: {SCENE_HELP}')
+    offer(parser.add_argument('name', metavar='NAME', help='one of the studies below'), _names)
+    scene = parser.add_argument('scene', metavar='SCENE', nargs='?', help=f'of the study trade: {SCENE_HELP}')
+    offer(scene, names_of('scenes'), files=True)
     add_settings(parser)
     parser.add_argument('--workers', metavar='N', type=int, help='of the study trade: runs at a time (default: as many as there are cores)')
     parser.add_argument('--out', metavar='DIR', type=Path, help='directory of the report (default: out/NAME, or out/NAME/SCENE)')
@@ -44,6 +45,12 @@ def add(parsers: Any) -> None:
     parser.add_argument('--n', metavar='N', type=int, help='of a study that draws samples (mechanisms, verdicts, change_points): how many')
     parser.add_argument('--seed', metavar='SEED', type=int, help='of a study that draws samples: of their series (default: 0)')
     parser.add_argument('--strict', action='store_true', help='exit code 1 when a check is not met')
+
+
+def _names() -> list[str]:
+    from mbd_sim_ros.lab.studies import installed
+
+    return installed()
 
 
 def run(args: argparse.Namespace) -> Result:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import Result, declare, table
+from mbd_sim_ros.commands import Result, declare, names_of, offer, table
 from solver.disk import alone
 from solver.errors import BagError, MbdError, SceneError
 
@@ -38,7 +38,8 @@ the file (docs/sweeps.md):
 def add(parsers: Any) -> None:
     """Declare the command."""
     parser = declare(parsers, 'sweep', run, 'run a scene many times with other values, on all cores or on a cluster', EXAMPLE)
-    parser.add_argument('file', metavar='FILE', type=Path, help='what to vary and what to keep')
+    file = parser.add_argument('file', metavar='FILE', type=Path, help='what to vary and what to keep')
+    offer(file, names_of('sweeps'), files=True)
     parser.add_argument(
         '--out', metavar='DIR', type=Path, required=True, help='where rows, table, report and bags go; what is there is kept'
     )

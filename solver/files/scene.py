@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from solver.files.mechanism import MechanismReader
 from solver.files.naming import names_file
 from solver.files.overrides import override
 from solver.files.schema import Builder, Fields
+from solver.files.search_path import config_directories
 from solver.files.vehicle import TEMPLATES, build_vehicle
 from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, parse, read, text_of, where
 from solver.inputs.actuation import Actuation
@@ -28,23 +27,6 @@ from solver.inputs.signals import signal
 from solver.model.spec import ModelSpec
 from solver.scene import SAMPLES, Bound, Require, Scene, coordinates_of
 from solver.vehicle.actuation import IN_DEGREES, actuated, steering_reaches
-
-PACKAGE = 'mbd_sim_ros'  # folder of an installed share directory
-
-
-def config_directories() -> list[Path]:
-    """Directories in which names of scenes and included files are looked up, the first one first.
-
-    They are the current directory, the config/ of this checkout, and the installed share directories.
-    """
-    prefixes = [*filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)), sys.prefix]
-    candidates = [
-        Path.cwd() / 'config',
-        Path.cwd(),
-        Path(__file__).resolve().parents[2] / 'config',
-        *(Path(prefix) / 'share' / PACKAGE / 'config' for prefix in prefixes),
-    ]
-    return [directory for directory in dict.fromkeys(candidates) if directory.is_dir()]
 
 
 def find_file(name: str | Path, folder: str) -> Path:
