@@ -1,18 +1,24 @@
 """SIGINT and SIGTERM: noted at once by a thread, acted upon between kernels, obeyed in any case.
 
-An exception raised by a signal handler surfaces wherever the main thread happens to be. Inside a callback from compiled code (the compiler
-has some) it is lost or ends the process with a segmentation fault, and inside a recording it leaves half a file. So the handler raises
-nothing there; the system writes the number of the signal into a pipe, and a thread that reads the pipe
+An exception that a signal handler raises appears wherever the main thread happens to be. Inside a callback from
+compiled code (the compiler has some) it is lost, or ends the process with a segmentation fault; inside a recording it
+leaves half a file. So the handler raises nothing there. Instead the system writes the number of the signal into a pipe,
+and a thread, the watcher, reads the pipe.
 
-- notes it: whoever has something to finish looks at `received()` or `event` between two kernels and holds the process meanwhile (`held`);
-- ends the process with the sentence `interrupted while <doing>` when nobody holds it and it has not ended by itself after GRACE seconds,
-  or when the holder has not let go after PATIENCE seconds;
-- ends it at once when a second signal comes. Terminals, launch tools and wrappers deliver one Ctrl-C twice; what comes within
-  SAME_GESTURE seconds is one.
+- The watcher notes the signal. Code that has something to finish holds the process (`held`), and looks at `received()`
+or
+  `event` between two kernels.
+- It ends the process, with the sentence `interrupted while <doing>`, if nobody holds it and it has not ended by itself
+after
+  GRACE, or if it is still held after PATIENCE.
+- It ends the process at once when a second signal comes. Terminals, launch tools and wrappers deliver one Ctrl-C twice,
+so
+  signals within SAME_GESTURE count as one.
 
-Whoever is saying the sentence just then (`saying`) may finish it, for GRACE seconds at most.
+If the main thread is printing the sentence just then (`saying`), the watcher lets it finish, for GRACE at most.
 
-Ended like this a process runs no more Python: a bag it was recording is finished by the recording process. Exit code: 128 + number.
+A process that the watcher ends runs no more Python; a bag that it was recording is finished by the recording process.
+The exit code is 128 + number of the signal.
 """
 
 from __future__ import annotations
@@ -34,58 +40,62 @@ from types import FrameType
 from mbd_sim_ros.beginning import SIGNALS, let_go
 from solver.compiled import interruption
 
-EXIT = 128  # + number of the signal, as shells do
-GRACE = 0.4  # s
-PATIENCE = 15.0  # s
-SAME_GESTURE = 0.25  # s
-LOOK = 0.02  # s between looks once a signal came
-# Where the main thread only waits for processes and files, an exception is safe and lets `finally` end the children.
+EXIT = 128  # exit code minus the number of the signal, as of shells
+GRACE = 0.4  # time [s] for a process to end by itself after a signal; ten times as much feels like a hang
+PATIENCE = 15.0  # time [s] for a process that is held to finish its work after a signal
+# time [s] within which several signals count as one; ten times as much would ignore a second Ctrl-C
+SAME_GESTURE = 0.25
+LOOK = 0.02  # time [s] between two looks of the watcher after a signal
+# Modules in which the main thread only waits for processes and files: there an exception is safe, and `finally` ends
+# children.
 WAITS = ('subprocess', 'selectors', 'mbd_sim_ros.lab', 'mbd_sim_ros.commands')
 
 event = threading.Event()  # set by the first signal
-doing = ''  # what the sentence says was interrupted
-_say: Callable[[str], None] | None = None
-_code: int | None = None
-_number = 0
-_held = 0
-_said = threading.Lock()
-_quiet = threading.Event()  # but while somebody claims the sentence and says it
+doing = ''  # activity in the sentence, see now()
+_say: Callable[[str], None] | None = None  # prints the sentence, see install()
+_code: int | None = None  # exit code, see install()
+_number = 0  # number of the first signal, 0 before it
+_held = 0  # number of held() blocks that are open
+_said = threading.Lock()  # locked by the thread that prints the sentence, see claim()
+_quiet = threading.Event()  # cleared while the main thread prints the sentence, see saying()
 _quiet.set()
 _watcher: _Watcher | None = None
-_scratch: set[Path] = set()
-dependents: set[int] = set()  # processes that are killed when this one is ended: they have nothing to finish, and may be deaf to a signal
+_scratch: set[Path] = set()  # temporary directories to remove
+dependents: set[int] = set()  # child processes to kill at the end: they have nothing to finish, and may ignore a signal
 
 
 def received() -> int:
-    """Number of the signal that came, or 0."""
+    """Number of the signal that has come, 0 before."""
     return _number
 
 
 def now(what: str) -> None:
-    """Set the activity that a signal interrupts: the end of the sentence `interrupted while ...`."""
+    """Set the present activity, e.g. 'recording bags/first', for the sentence `interrupted while ...`."""
     global doing
     doing = what
 
 
 def sentence() -> str:
-    """Sentence for an interruption of which nothing more is known."""
+    """The sentence about an interruption, with the present activity."""
     return f'interrupted while {doing}' if doing else 'interrupted'
 
 
 def check() -> None:
-    """Raise KeyboardInterrupt(sentence, number) if a signal came. For places between kernels where nothing has to be finished."""
+    """Raise KeyboardInterrupt(sentence, number) if a signal has come. For places between kernels with nothing to
+    finish."""
     if _number:
         raise KeyboardInterrupt(sentence(), _number)
 
 
 def claim() -> bool:
-    """True for the caller that shall print the sentence: it is printed once."""
+    """True for the first caller only: that caller prints the sentence, which is printed once."""
     return _said.acquire(blocking=False)
 
 
 @contextmanager
 def saying() -> Iterator[bool]:
-    """Claim the sentence and say it inside, if that is so: until then the process is not ended, GRACE seconds at most."""
+    """Block in which the main thread prints the sentence, if the value is True (see claim). The watcher waits for its
+    end."""
     _quiet.clear()
     try:
         yield claim()
@@ -95,7 +105,7 @@ def saying() -> Iterator[bool]:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Inside, a signal is only noted: the caller looks for it and ends in order."""
+    """Block in which a signal is only noted: the caller looks for it and ends in good order."""
     global _held
     _held += 1
     try:
@@ -106,7 +116,7 @@ def held() -> Iterator[None]:
 
 @contextmanager
 def scratch(prefix: str) -> Iterator[Path]:
-    """A temporary directory that is removed however the process is interrupted."""
+    """A temporary directory that is removed at the end, also if the process is interrupted."""
     with tempfile.TemporaryDirectory(prefix=prefix) as name:
         _scratch.add(Path(name))
         try:
@@ -116,9 +126,9 @@ def scratch(prefix: str) -> Iterator[Path]:
 
 
 def install(say: Callable[[str], None], code: int | None = None) -> None:
-    """Take SIGINT and SIGTERM over for the life of this process (main thread only).
+    """Handle SIGINT and SIGTERM for the rest of this process; to be called by the main thread.
 
-    say: how the sentence reaches the user. code: the exit code after a first signal, instead of that of shells.
+    say: prints the sentence. code: exit code after a first signal; None: EXIT + number.
     """
     global _watcher, _say, _code
     _say, _code = say, code
@@ -128,14 +138,17 @@ def install(say: Callable[[str], None], code: int | None = None) -> None:
 
 
 def leave() -> None:
-    """The program has done its work: what is left is the end of the interpreter, which must not be taken for an interruption."""
+    """Ignore signals from now on: the work is done, and the end of the interpreter must not count as interrupted."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)  # the interpreter takes every other handler back, and then the signal kills
 
 
 def end(code: int) -> None:
-    """End the process without taking the interpreter apart, which takes up to a second once much has been compiled; what was registered
-    for the end is done. It comes back where somebody else has to be waited for, or something cannot be written."""
+    """End the process at once, after the functions registered with atexit.
+
+    The regular end of the interpreter takes up to a second once much has been compiled. Returns without ending the
+    process if a thread has to be waited for, or if output cannot be written.
+    """
     others = (thread for thread in threading.enumerate() if thread is not threading.main_thread())
     if any(not thread.daemon for thread in others):
         return
@@ -150,7 +163,11 @@ def end(code: int) -> None:
 
 @contextmanager
 def watched(say: Callable[[str], None]) -> Iterator[None]:
-    """The same for a block; within the life of `install` it is the whole work of the program, and says how the sentence is said."""
+    """Block in which SIGINT and SIGTERM are handled as after install(say).
+
+    After an install() the block is the whole work of the program: `say` prints the sentence in it, and leave() is
+    called at its end.
+    """
     global _watcher, _say, _number
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -177,7 +194,7 @@ def watched(say: Callable[[str], None]) -> Iterator[None]:
 
 
 class _Watcher:
-    """The thread, its pipe and the handlers it replaced."""
+    """The thread that watches signals, its pipe, and the handlers that it replaced."""
 
     def __init__(self) -> None:
         self._read, self._write = os.pipe()
@@ -189,7 +206,7 @@ class _Watcher:
         self._thread.start()
 
     def close(self) -> None:
-        """Give the signals back."""
+        """End the thread and restore the handlers that were there before."""
         signal.set_wakeup_fd(self._wakeup)
         for number, handler in self._before.items():
             signal.signal(number, handler)
@@ -219,25 +236,27 @@ class _Watcher:
 
 
 def _note(number: int) -> None:
+    """Note the first signal for the main thread and for compiled code."""
     global _number
     _number = number
     event.set()
     interruption.request()
     if not _held:
-        interruption.note(KeyboardInterrupt(sentence(), number))  # the compiler can be left between two passes
+        interruption.note(KeyboardInterrupt(sentence(), number))  # the compiler raises it between two of its passes
 
 
 def _handle(number: int, frame: FrameType | None) -> None:
-    """The Python side of a signal: raises only in work that has begun, where the main thread waits and nobody holds it."""
+    """Handler of a signal. It raises only where the main thread waits (WAITS), the work has begun, and nobody holds
+    it."""
     module = frame.f_globals.get('__name__', '') if frame is not None else ''
     if doing and not _held and module.startswith(WAITS):
         raise KeyboardInterrupt(sentence(), number)
 
 
 def _end(code: int) -> None:
-    """End the process from the watching thread."""
+    """End the process from the watcher: print the sentence, kill the dependents, remove temporary directories."""
     if claim():
-        with suppress(OSError, ValueError):  # nobody reads it
+        with suppress(OSError, ValueError):  # the terminal or pipe may be closed
             if _say is not None:
                 _say(sentence())
     else:
@@ -251,6 +270,6 @@ def _end(code: int) -> None:
 
 
 def write(descriptor: int, text: str) -> None:
-    """Write a line, past whatever buffers hold; a progress bar on the line is wiped."""
+    """Write a line to a file descriptor, without buffers; a progress bar on the line is wiped."""
     bar = '\r\033[K' if os.isatty(descriptor) else ''
     os.write(descriptor, f'{bar}{text}\n'.encode())

@@ -1,9 +1,9 @@
-"""Data in a recording by which its run can be repeated: the inputs of every step, and the state it begins with.
+"""Data in a recording with which its run can be repeated: the inputs of every step, and the state at the beginning.
 
-`cmd_applied` holds the inputs of the step that led to an instant. If steps lie between two instants (record.every > 1,
-or steps that a slow disk did not take), a message of topic `inputs_applied` at the later one holds the rows of all
-steps since: Float64MultiArray, one row per step, `step` and the inputs (their names are the label of the second
-dimension).
+The topic `cmd_applied` holds the inputs of the step that led to a recorded instant. Between two recorded instants there
+may be several steps (record.every > 1, or a disk that is too slow). Then a message of the topic `inputs_applied` at the
+later instant holds the inputs of all these steps: a Float64MultiArray with one row per step, of `step` and the inputs.
+Their names are the label of its second dimension.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Applied:
-    """Gathers the inputs of the steps behind step `first` until the next instant that is recorded."""
+    """Gathers the inputs of the steps after step `first`, until the next recorded instant. names: of the inputs."""
 
     def __init__(self, names: Sequence[str], first: int) -> None:
         self._first = first
@@ -33,13 +33,13 @@ class Applied:
         self._templates: dict[int, tuple[bytes, int]] = {}
 
     def add(self, last: int, rows: np.ndarray) -> None:
-        """The inputs (n, nu) of the n steps that led to step `last`."""
+        """Add the inputs (n, nu) of the n steps up to step `last`."""
         if last > self._first:
             self._rows.append((last, rows))
             self._count += len(rows)
 
     def message(self) -> bytes | None:
-        """The rows since the last that were taken, encoded; None when cmd_applied says all: one step or none."""
+        """Encoded message of all rows since taken(); None for one step or none, when cmd_applied holds the inputs."""
         count = self._count
         if count < 2:
             return None
@@ -60,13 +60,14 @@ class Applied:
         return data[:offset] + table.tobytes()
 
     def taken(self) -> None:
-        """The rows are in the recording."""
+        """Forget all rows: they are in the recording."""
         self._rows.clear()
         self._count = 0
 
 
 def begin_of(simulation: Simulation) -> dict[str, str]:
-    """Entries for the description of a recording that begins now, about its beginning."""
+    """Entries of the description of a recording that begins now: step number, and the state unless it is the scene's
+    start."""
     begin = {'start_step': str(simulation.k)}
     if simulation.k or getattr(simulation, 'displaced', False):
         begin['start_state'] = base64.b64encode(simulation.save()).decode()

@@ -1,7 +1,8 @@
-"""Executable `simulator`: runs a scene as a ROS 2 node (see simulator.py) from the first import to the last file.
+"""Executable `simulator`: runs a scene as a ROS 2 node (simulator.py), from the first import to the last file.
 
-SIGINT and SIGTERM at any moment end it with one sentence, a finished recording and exit code 0, as launch expects of nodes; whatever else
-goes wrong ends it with one sentence and the exit code of the error. Nothing heavy is imported before the signals are taken care of.
+SIGINT and SIGTERM end the node at any moment, with one sentence, a finished recording, and exit code 0, as launch
+expects of nodes. Any other error ends it with one sentence and the exit code of the error. Nothing heavy is imported
+before the signal handlers are installed.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from mbd_sim_ros.node import PREPARING
 
 
 def _say(text: str) -> None:
+    """Print a sentence to stderr."""
     interrupts.write(2, text)
 
 
@@ -32,12 +34,19 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-SWITCH = 2e-5  # s; with 2e-4 a step in a second came late, the one beside the diagnostics
-LOOK = 0.25  # s between looks for the end and for signals; every one costs the simulation some of the interpreter lock
+# Interval [s] after which a Python thread must give up the interpreter. With ten times as much, one step in a second
+# was late:
+# the one beside the diagnostics.
+SWITCH = 2e-5
+# time [s] between two looks for signals and the end of the run; each takes the interpreter from the simulation
+LOOK = 0.25
 
 
 def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
-    """Load a scene and return what of it is simulated with its simulation, compiled and at its start. Raises MbdError."""
+    """(scene, simulation) of a scene by path or name: at its start, with all kernels compiled. Raises MbdError.
+
+    The scene is the one that the simulation has, e.g. at its level of detail.
+    """
     from mbd_sim_ros.bags.published import load_published
     from solver import simulation_of
     from solver.engine.stepping import KINDS
@@ -59,7 +68,11 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
 
 
 def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
-    """Run `body` inside rclpy.init and shutdown and return its exit code, or that of the error, which is printed as one sentence."""
+    """Run `body` between rclpy.init and shutdown; returns its exit code.
+
+    An error is printed as one sentence, and its exit code returned. name: of the executable. args: None: those of the
+    process.
+    """
     interrupts.install(_say, code=0)
     interrupts.now(f'starting {name}')
     from solver.errors import MbdError, missing, refused
@@ -72,7 +85,7 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
     except ImportError as error:
         print(f'{name}: {missing(error)}', file=sys.stderr)
         return 2
-    # It says what follows from an error that is told anyway.
+    # This warning of rclpy only repeats an error that is printed anyway.
     warnings.filterwarnings('ignore', 'Failed to fini', RuntimeWarning)
     try:
         given = sys.argv[1:] if args is None else args
@@ -131,7 +144,7 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
 
 
 def _beside(arguments: list[str]) -> list[str]:
-    """The words that are not behind --ros-args, which ROS passes over, or takes for names to be changed."""
+    """Command-line words outside of --ros-args ... --: ROS would ignore them, or take them for remapping rules."""
     found, inside = [], False
     for word in arguments:
         if word == ('--' if inside else '--ros-args'):
@@ -142,10 +155,12 @@ def _beside(arguments: list[str]) -> list[str]:
 
 
 def _parameter_files(arguments: list[str]) -> list[Path]:
+    """Files that --params-file gives."""
     return [Path(after) for before, after in pairwise(arguments) if before == '--params-file']
 
 
 def _simulate() -> int:
+    """Run the simulator node until its end or a signal; returns the exit code."""
     from rclpy.executors import SingleThreadedExecutor
 
     from mbd_sim_ros.node.publish import leave_sending_to_the_middleware
@@ -162,8 +177,9 @@ def _simulate() -> int:
     interrupts.now(f'preparing {name}')
     node.get_logger().info(f'preparing {name} (the first time this compiles, which takes about a minute)')
     scene, simulation = prepare(name, [text for text in node.value('overrides') if text])
-    # The threads share one interpreter. The simulation gives the lock up a dozen times a step (compiled code, publishing) and has to wait
-    # this long for it whenever the executor or the recorder computes; and what is here to stay is not to be collected.
+    # All threads share the lock of the interpreter. The simulation gives it up a dozen times a step (compiled code,
+    # publishing), and waits up to SWITCH to get it back while the executor or the recorder computes. gc.freeze() keeps
+    # the garbage collector from looking at the objects that are here now, which stay.
     sys.setswitchinterval(SWITCH)
     gc.collect()
     gc.freeze()
@@ -183,7 +199,7 @@ def _simulate() -> int:
         finally:
             number = interrupts.received()
             if number:
-                interrupts.claim()  # what the node says when it closes is the sentence
+                interrupts.claim()  # the node prints a sentence of its own when it closes
             code = node.close(f'stopped by {signal.Signals(number).name}' if number else 'stopped')
             executor.shutdown()
             node.destroy_node()
@@ -194,7 +210,7 @@ def main(args: list[str] | None = None) -> int:
     """Run the simulator node; returns the exit code."""
     code = run(_simulate, args, 'simulator')
     if any(thread.name == PREPARING for thread in threading.enumerate()):
-        interrupts.end(code)  # under a compiler no interpreter can be taken apart
+        interrupts.end(code)  # the interpreter must not be finalized while a thread compiles
     return code
 
 

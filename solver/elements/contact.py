@@ -1,10 +1,11 @@
 """Nonholonomic contacts: a thin disc that rolls on a plane without slipping, and a knife edge.
 
-Both are a force at one point C: on body j in the direction of a row, on body i the opposite. A row of that direction d is
-a v = d . (velocity of the point of j at C - velocity of the point of i at C). For the disc C is its lowest point above the plane,
-p_G - r e with e = (n - (n . g) g)/s, s = |n - (n . g) g|, n the normal and g the axis of the disc; there the row along n is the
-gradient of the height n . p_FG - r s, so one of the three rows is holonomic. The others have no residual in positions: phi holds
-the velocity a v that has to vanish.
+Both act at one point C: each row of the constraint is a force in a direction d on body j, and the opposite force on
+body i. The row is a v = d . (velocity at C of body j - velocity at C of body i), which has to vanish.
+
+For the disc, C is its lowest point above the plane: p_G - r e, with e = (n - (n . g) g)/s, s = |n - (n . g) g|, n the
+normal of the plane and g the axis of the disc. The row along n is the gradient of the height n . p_FG - r s, so it is
+holonomic. The other rows have no residual of positions: phi holds their velocity a v.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from solver.errors import suggestion
 from solver.validate import finite, require
 
 KNIFE_EDGE, ROLLING = 0, 1
-# rows of every kind: name and whether it is holonomic
+# Kind of contact -> its rows: (name, 1 if the row is holonomic).
 KINDS: dict[str, tuple[tuple[str, int], ...]] = {
     'knife_edge': (('y', 0),),
     'rolling': (('z', 1), ('x', 0), ('y', 0)),
@@ -36,11 +37,11 @@ KINDS: dict[str, tuple[tuple[str, int], ...]] = {
 class ContactSpec(ConstraintSpec):
     """A contact that constrains velocities, between the plane or ground i and the rolling or sliding body j.
 
-    kind: 'rolling': a thin disc with centre and axis (z) at marker j rolls on the plane through marker i, normal to its z axis,
-    without slipping and without leaving it; rows z (height above the plane), x and y (slip along the axes of marker i).
-    'knife_edge': the point of marker j does not move sideways, along its y axis (the blade lies along x), over the ground i; it is
-    kept on no plane. The forces on j are the reactions of the rows; nothing limits them, and a disc may be pulled down as well as up.
-    radius: of the disc [m] > 0, for kind rolling only.
+    kind: 'rolling': a thin disc with centre and axis (z) at marker j rolls on the plane through marker i, normal to the
+    z axis of i. It does not slip, and does not leave the plane. Rows: z (height above the plane), x and y (slip along
+    the axes of marker i). 'knife_edge': the point of marker j does not move over the ground i along the y axis of j
+    (the blade lies along x). It is not kept on a plane. The reactions of the rows have no limit: the plane can also
+    pull a disc down. radius: of the disc [m], positive, for the kind rolling only.
     """
 
     kind: Literal['rolling', 'knife_edge']
@@ -68,18 +69,18 @@ class ContactSpec(ConstraintSpec):
 
 
 class ContactTable(NamedTuple):
-    """Columns of all contacts."""
+    """Compiled data of n contacts."""
 
     code: np.ndarray  # (n,) KNIFE_EDGE or ROLLING
     row: np.ndarray  # (n,) first row in phi
     entry: np.ndarray  # (n, 2) Jacobian blocks of i and j
-    body: np.ndarray  # (n, 2)
-    r_i: np.ndarray  # (n, 3)
-    r_j: np.ndarray  # (n, 3)
-    F: np.ndarray  # (n, 3, 3) marker axes in body i
-    G: np.ndarray  # (n, 3, 3)
-    radius: np.ndarray  # (n,)
-    slot: np.ndarray  # (n, 4) blocks ii ij ji jj
+    body: np.ndarray  # (n, 2) indices of i and j
+    r_i: np.ndarray  # (n, 3) marker i from the centre of mass of body i, in body i [m]
+    r_j: np.ndarray  # (n, 3) marker j from the centre of mass of body j, in body j [m]
+    F: np.ndarray  # (n, 3, 3) axes of marker i, in body i
+    G: np.ndarray  # (n, 3, 3) axes of marker j, in body j
+    radius: np.ndarray  # (n,) [m]
+    slot: np.ndarray  # (n, 4) matrix blocks ii, ij, ji, jj
 
 
 def compile_contacts(specs: Sequence[ContactSpec], context: Context) -> ContactTable:

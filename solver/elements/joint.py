@@ -1,8 +1,8 @@
 """Joints: up to six constraint rows between marker F on body i and marker G on body j.
 
-Rows are the components of p_FG in the world (where all three vanish) or along the axes of F, dot products of marker axes, the
-constant-velocity condition and the distance; kinds are lists of rows (table in docs/conventions.md). Gradients and second
-derivatives are exact.
+A row is a component of p_FG (in the world for joints that close all three, else along the axes of F), a dot product of
+an axis of F and an axis of G, the constant-velocity condition, or the distance. A kind of joint is a list of rows
+(table in docs/conventions.md). Gradients and second derivatives are exact.
 """
 
 from __future__ import annotations
@@ -42,10 +42,11 @@ from solver.elements.point_pair import add_point_pair_tangent, point_position
 from solver.errors import suggestion
 from solver.validate import finite, require
 
-DX, DY, DZ = 0, 1, 2  # component of p_FG along an axis of F
-AXES = 3  # 3 + 3 a + b: F_a . G_b
+# Codes of rows.
+DX, DY, DZ = 0, 1, 2  # component of p_FG along x, y, z of F
+AXES = 3  # AXES + 3 a + b: F_a . G_b, the dot product of axis a of F and axis b of G
 TWIST = 12  # F_x . G_y - F_y . G_x
-DISTANCE = 13
+DISTANCE = 13  # |p_FG| - length
 # Components of p_FG along the axes of W, for joints that close all three: the same constraint as DX, DY, DZ, but linear in the
 # positions and without a dependence on the rotation of i, which cuts the energy error of the midpoint rule tenfold (measured
 # on the slider-crank, docs/decisions/0002).
@@ -83,14 +84,16 @@ ROW_NAMES = {
 
 @dataclass(frozen=True, kw_only=True)
 class JointSpec(ConstraintSpec):
-    """A joint between marker i and marker j; where it is closed, the markers stand as `kind` says.
+    """A joint between the markers i and j. What it leaves free depends on its kind.
 
-    fixed: they coincide. revolute: j turns about z of i. prismatic: j slides along z of i. cylindrical: both.
-    spherical: the points coincide. universal: the points coincide, x of i (one pin) stays perpendicular to y of j (the
-    other). constant_velocity: the points coincide, shafts along z of i and of j turn alike. distance: the points keep
-    `length` [m] > 0 (for this kind only). point_on_line: the point of j lies on z of i. point_on_plane: it lies in the
-    plane normal to z of i. perpendicular: z of j stays perpendicular to z of i. If one of the bodies spins, i belongs
-    on the other: rows turn with i, and the iteration of a step gains less (docs/decisions/0002).
+    fixed: nothing, the markers coincide. revolute: j turns about z of i. prismatic: j slides along z of i. cylindrical:
+    j turns about z of i and slides along it. spherical: the points coincide. universal: the points coincide, and x of i
+    (one pin) stays perpendicular to y of j (the other pin). constant_velocity: the points coincide, and shafts along z
+    of i and along z of j turn equally fast. distance: the points keep the distance `length` [m], positive, which only
+    this kind has. point_on_line: the point of j lies on the z axis of i. point_on_plane: the point of j lies in the
+    plane through i normal to z of i. perpendicular: z of j stays perpendicular to z of i. If one of the two bodies
+    spins fast, marker i belongs on the other body: the rows turn with i, and the iteration of a step converges more
+    slowly then (docs/decisions/0002).
     """
 
     kind: str
@@ -114,21 +117,21 @@ class JointSpec(ConstraintSpec):
 
 
 class JointTable(NamedTuple):
-    """Columns of all joints."""
+    """Compiled data of nj joints."""
 
-    code: np.ndarray  # (nj, 6)
+    code: np.ndarray  # (nj, 6) codes of the rows
     rows: np.ndarray  # (nj,) number of rows
     row: np.ndarray  # (nj,) first row in phi
     entry: np.ndarray  # (nj, 2) Jacobian blocks of i and j
-    body: np.ndarray  # (nj, 2)
-    r_i: np.ndarray  # (nj, 3)
-    r_j: np.ndarray  # (nj, 3)
-    F: np.ndarray  # (nj, 3, 3) marker axes in body i
-    G: np.ndarray  # (nj, 3, 3)
-    a: np.ndarray  # (nj, 6, 3) the axis of F that a row is about, in body i, if it is about one
-    b: np.ndarray  # (nj, 6, 3) and of G, in body j
-    length: np.ndarray  # (nj,)
-    slot: np.ndarray  # (nj, 4) blocks ii ij ji jj
+    body: np.ndarray  # (nj, 2) indices of i and j
+    r_i: np.ndarray  # (nj, 3) marker i from the centre of mass of body i, in body i [m]
+    r_j: np.ndarray  # (nj, 3) marker j from the centre of mass of body j, in body j [m]
+    F: np.ndarray  # (nj, 3, 3) axes of marker i, in body i
+    G: np.ndarray  # (nj, 3, 3) axes of marker j, in body j
+    a: np.ndarray  # (nj, 6, 3) axis of F in a row of kind D or AXES, in body i; else zero
+    b: np.ndarray  # (nj, 6, 3) axis of G in a row of kind AXES, in body j; else zero
+    length: np.ndarray  # (nj,) [m]
+    slot: np.ndarray  # (nj, 4) matrix blocks ii, ij, ji, jj
 
 
 def compile_joints(specs: Sequence[JointSpec], context: Context) -> JointTable:

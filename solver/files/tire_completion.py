@@ -1,8 +1,9 @@
-"""Completion of tire data: entries that a file has in another form than the model, and coefficients that follow from
-others where the file has none.
+"""Completion of tire data: converts entries that the model has in another form, and estimates coefficients that are
+missing.
 
-Scale factors and curves of the load (PAC2002) become coefficients of the tire's spring; relaxation lengths that are missing follow
-from the slip stiffnesses and a carcass in proportion to the vertical stiffness. Everything that is done is noted.
+Scale factors and load curves (PAC2002) become coefficients of the vertical spring of the tire. Missing relaxation
+lengths follow from the slip stiffness and a carcass stiffness in proportion to the vertical stiffness. A note tells of
+every change.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ from solver.errors import SpecError
 
 # Carcass stiffness over vertical stiffness of the passenger car tire 225/50 R17 of test/data (358 and 103 kN/m of 210 kN/m)
 CARCASS_X, CARCASS_Y = 1.71, 0.49
-# of FNOMIN: load of the largest cornering stiffness where no side force was measured; ten times makes it proportional to the load
+# Load with the largest cornering stiffness where no side force was measured, relative to FNOMIN. Ten times as much
+# makes the cornering stiffness proportional to the load.
 PEAK_LOAD = 1.8
-CURVE_ERROR = 0.1  # of FNOMIN: what a parabola may miss of a curve of the load
-RANGE = 2.0  # times FNOMIN: loads up to which the parabola is fitted
+CURVE_ERROR = 0.1  # largest difference of the fitted parabola to a load curve, relative to FNOMIN
+RANGE = 2.0  # load up to which the parabola is fitted, relative to FNOMIN
 
 
 def complete(
@@ -32,10 +34,11 @@ def complete(
     length: float,
     given: frozenset[str] = frozenset(),
 ) -> None:
-    """Complete coefficients (SI units, by name) in place and note how.
+    """Complete coefficients (name -> value in SI units) in place, and note how.
 
-    extra: keys that are no coefficients. curves: (deflection [m], force [N]) of DEFLECTION_LOAD_CURVE and BOTTOMING_CURVE.
-    length: unit of length of the file [m]. given: coefficients that stay as they are. Raises SpecError.
+    extra: keys of the file that are no coefficients of the model. notes: coefficient -> note. curves: section ->
+    (deflection [m], force [N]) of DEFLECTION_LOAD_CURVE and BOTTOMING_CURVE. version: of the file, e.g. 61. length:
+    unit of length of the file [m]. given: coefficients that stay as they are. Raises SpecError.
     """
     fixed = {key: (values[key], notes[key]) for key in given}
     if 'DEFLECTION_LOAD_CURVE' in curves:
@@ -50,9 +53,10 @@ def complete(
 
 
 def directions(values: dict[str, float], notes: dict[str, str]) -> None:
-    """The curve of the direction that was not measured (its three coefficients 0 or absent), in place.
+    """Fill in the curve of a direction that was not measured (its coefficients C, D, K are 0 or absent), in place.
 
-    It is that of the other one over tan(alpha), or kappa, at zero camber, as that of an isotropic tread is ([Pacejka2012] 3.2).
+    The force over kappa is then that over tan(alpha) at zero camber, or the other way round, as of an isotropic tread
+    ([Pacejka2012] 3.2).
     """
     for axis, other, measured in (('X', 'Y', 'side'), ('Y', 'X', 'longitudinal')):
         own = [f'P{group}{axis}1' for group in 'CDK']
@@ -60,7 +64,7 @@ def directions(values: dict[str, float], notes: dict[str, str]) -> None:
         if any(values.get(key, 0.0) != 0.0 for key in own) or not all(values.get(key, 0.0) != 0.0 for key in of):
             continue
         if axis == 'X' and not values.get('PKY2', 0.0) > 0.0:
-            continue  # refused, with its name
+            continue  # TireData refuses the file by this coefficient
         found = {f'P{group}{axis}{k}': values.get(f'P{group}{other}{k}', 0.0) for group, k in ('C1', 'D1', 'D2', 'D3', 'E1', 'E2')}
         found[f'PD{axis}1'] = abs(found[f'PD{axis}1'])
         if axis == 'X':  # the same stiffness and change of it with the load, at FNOMIN
@@ -77,20 +81,21 @@ def directions(values: dict[str, float], notes: dict[str, str]) -> None:
 
 
 def _number(extra: Mapping[str, float | str], key: str, default: float) -> float:
-    """Value of a key of any section that is not a coefficient."""
+    """Number of a key that is no coefficient, in whatever section it stands; `default` without it."""
     value = next((v for name, v in extra.items() if name.rpartition('/')[2] == key), default)
     return value if isinstance(value, float) else default
 
 
 def _note(notes: dict[str, str], key: str, text: str) -> None:
+    """Add a text to the note on a coefficient."""
     notes[key] = f'{notes[key]}; {text}' if key in notes else text
 
 
 def _load_curve(values: dict[str, float], notes: dict[str, str], curve: list[tuple[float, float]]) -> None:
-    """Q_FZ1, Q_FZ2 of the parabola through zero that is nearest to the curve up to RANGE times the nominal load."""
+    """Set Q_FZ1 and Q_FZ2 to the parabola through zero that fits the load curve best, up to RANGE FNOMIN."""
     R0, F0 = values.get('UNLOADED_RADIUS', 0.0), values.get('FNOMIN', 0.0)
     if not (R0 > 0.0 and F0 > 0.0):
-        return  # refused by TireData, with the name of what is missing
+        return  # TireData refuses the file by the missing coefficient
     points = np.array([p for p in curve if p[0] > 0.0])
     inside = points[: max(int(np.searchsorted(points[:, 1], RANGE * F0)) + 1, 2)] if len(points) else points
     if len({x for x, _ in inside.tolist()}) < 2:
@@ -103,8 +108,8 @@ def _load_curve(values: dict[str, float], notes: dict[str, str], curve: list[tup
     error = float(np.abs(q1 * x + q2 * x * x - force).max())
     if error > CURVE_ERROR or q1 <= 0.0 or q1 + 2.0 * q2 * float(x[-1]) <= 0.0:
         raise SpecError(
-            f'DEFLECTION_LOAD_CURVE: no parabola follows it (off by {100.0 * error:.0f} % of FNOMIN up to {RANGE:g} FNOMIN): '
-            'remove the section, or give Q_FZ1 and Q_FZ2'
+            f'DEFLECTION_LOAD_CURVE: no parabola fits it (off by {100.0 * error:.0f} % of FNOMIN up to {RANGE:g} '
+            'FNOMIN): remove the section, or give Q_FZ1 and Q_FZ2'
         )
     values['Q_FZ1'], values['Q_FZ2'] = float(q1), float(q2)
     text = f'of the parabola nearest to DEFLECTION_LOAD_CURVE, which it misses by at most {100.0 * error:.2g} % of FNOMIN'
@@ -116,7 +121,11 @@ def _load_curve(values: dict[str, float], notes: dict[str, str], curve: list[tup
 
 
 def _bottoming_curve(values: dict[str, float], notes: dict[str, str], curve: list[tuple[float, float]], radius: float) -> None:
-    """BOTTOM_STIFF of the straight line from where the curve begins to rise; its deflections count from BOTTOMING_RADIUS."""
+    """Set BOTTOM_STIFF and BOTTOM_OFFST to the straight line that fits the curve best, from the point where it begins
+    to rise.
+
+    radius: BOTTOMING_RADIUS [m], from which the deflections of the curve count; 0: they are deflections of the tire.
+    """
     rise = [k for k, (_, force) in enumerate(curve) if force > 0.0]
     if not rise:
         return
@@ -128,7 +137,7 @@ def _bottoming_curve(values: dict[str, float], notes: dict[str, str], curve: lis
     if not math.isfinite(stiffness) or stiffness <= 0.0:
         raise SpecError('BOTTOMING_CURVE: the force must rise with the deflection')
     R0, rim = values.get('UNLOADED_RADIUS', 0.0), values.get('RIM_RADIUS', 0.0)
-    # without a radius the deflection is that of the tire
+    # distance of the wheel centre from the road at which the rim touches
     begin = R0 - first[0] if radius == 0.0 else radius - first[0]
     values['BOTTOM_STIFF'], values['BOTTOM_OFFST'] = stiffness, begin - rim
     error = float(np.abs(stiffness * x - force).max())
@@ -138,7 +147,7 @@ def _bottoming_curve(values: dict[str, float], notes: dict[str, str], curve: lis
 
 
 def _scale_factors(values: dict[str, float], extra: Mapping[str, float | str], notes: dict[str, str]) -> None:
-    """LCZ on the vertical stiffness, LIP on the pressure."""
+    """Apply the scale factors LCZ of the vertical stiffness and LIP of the pressure."""
     stiffer = _number(extra, 'LCZ', 1.0)
     if stiffer != 1.0:
         if stiffer <= 0.0:
@@ -161,7 +170,8 @@ def _scale_factors(values: dict[str, float], extra: Mapping[str, float | str], n
 
 
 def _relaxation(values: dict[str, float], notes: dict[str, str], version: int) -> None:
-    """Relaxation lengths where the file has none: slip stiffness over carcass stiffness ([Pacejka2012] 7.2), at all loads in 5.2, too."""
+    """Set missing relaxation lengths: slip stiffness over carcass stiffness ([Pacejka2012] 7.2), in version 5.2 at all
+    loads."""
     R0, F0, c_z = values['UNLOADED_RADIUS'], values['FNOMIN'], values['VERTICAL_STIFFNESS']
     if not (R0 > 0.0 and F0 > 0.0 and c_z > 0.0):
         return

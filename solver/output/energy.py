@@ -1,8 +1,8 @@
-"""Keeps the running account of a run (solver.output.account): energy that is stored, dissipated, supplied and missing, how much of it was
-exchanged at all, and the largest residuals with the instant and the place of each.
+"""Updates the running account of a run (solver.output.account) after every step.
 
-The exchanged energy is the integral of the magnitude of every element's dissipated and every input's supplied power,
-and the ranges of kinetic and of potential energy.
+The account has the energy balance: energy stored, dissipated, supplied, and its error; the energy that was exchanged,
+as a measure for that error; and the largest residuals, with time and place. The exchanged energy is the integral of the
+magnitudes of all powers, dissipated by elements or supplied by inputs, plus the ranges of kinetic and potential energy.
 """
 
 from __future__ import annotations
@@ -15,16 +15,22 @@ from solver.compiled.vec import dot, load3, load33, mv
 from solver.model.tables import COUNT, OUTPUT, PEAK, ROTATION, WIDTH
 from solver.output.account import Account, noted
 
-WRITTEN = 1e-6  # relative, and m: what numbers written with finitely many digits leave open
-ROUNDING = 1e-12  # of stored energy: what its own numbers leave open, beside prestressed parts at rest where nothing has weight
-SLOWEST = 1e-6  # m/s or rad/s
-SPINS = 0.005  # rad: half the turn in a step, below which a body has no spin to speak of
-SETTLED_INCREMENT = 1e-3  # relative velocity increment: a digit better than what is accepted where an iteration does not converge
+# Relative error of numbers in files, which have finitely many digits; also the error of a length [m]. Ten times as much
+# would hide contradictions of joints that matter.
+WRITTEN = 1e-6
+# Rounding error of the stored energy, relative to it: what remains of the balance of prestressed parts at rest without
+# weight.
+ROUNDING = 1e-12
+SLOWEST = 1e-6  # velocity [m/s or rad/s] below which a motion counts as none, in quotients
+SPINS = 0.005  # half the turn in a step [rad] from which on a body counts as spinning
+# Last increment of an iteration, relative to the velocity, up to which it counts as settled: one digit better than the
+# increment that is accepted where an iteration does not converge.
+SETTLED_INCREMENT = 1e-3
 
 
 @kernel(inner=True)
 def exchanged_so_far(account):
-    """Energy [J] that was exchanged: supplied and dissipated, and the ranges of kinetic and potential energy."""
+    """Energy [J] that was exchanged so far, see the module."""
     kinetic, potential = account.kinetic[1] - account.kinetic[0], account.potential[1] - account.potential[0]
     return account.gross[0] + kinetic + potential
 
@@ -35,36 +41,39 @@ def exchanged(account: Account) -> float:
 
 
 def left_open(account: Account, bodies) -> float:
-    """Energy [J] that numbers leave open of bodies (solver.model.tables)."""
+    """Error of the energy [J] of bodies (solver.model.tables) by the finitely many digits of the numbers in files."""
     weight = float(np.add.reduce(bodies.mass)) * norm(bodies.gravity)
     stored = max(abs(float(account.potential[0])), abs(float(account.potential[1])))
     return WRITTEN * (weight + float(account.kinetic[1])) + ROUNDING * stored
 
 
 def contradicts(account: Account, bodies) -> tuple[bool, float]:
-    """(True where rows contradict each other, energy [J] that may come of it)."""
+    """(whether rows of constraints contradict each other, energy of contradicting rows [J] that is still no
+    contradiction)."""
     limit = WRITTEN * exchanged(account) + left_open(account, bodies)
     return noted(account.contradiction)[0] > limit, limit
 
 
 @kernel(inline=True)
 def note(row, value, time, index):
-    """Note what is largest so far in a row of (value, time, index)."""
+    """Write (value, time, index) into a row of the account."""
     row[0], row[1], row[2] = value, time, index
 
 
 @kernel(inline=True)
 def widen(ends, now):
-    """Widen a range (smallest, largest) by the value of now."""
+    """Widen a range (smallest, largest) so that it contains the present value."""
     ends[0] = min(ends[0], now)
     ends[1] = max(ends[1], now)
 
 
 @kernel(inner=True)
 def mechanical_energy(tables, kin, outputs, h, account):
-    """Return (energy [J]: kinetic + gravity (zero at z = 0) + stored in elements, kinetic energy in it, dissipated power [W], sum of the
-    magnitudes of the elements' dissipated or supplied power [W]). Notes the fastest and the most turned body of a step h [s], the most
-    wound element, and peaks.
+    """(energy [J], its kinetic part [J], dissipated power [W], sum of the magnitudes of the powers of all elements
+    [W]).
+
+    The energy is kinetic + gravity (zero at z = 0) + stored in elements. Also notes the largest velocity, the body with
+    the largest turn in the step h [s], the element with the largest rotation vector, and the peaks of elements.
     """
     bodies = tables.bodies
     energy = 0.0
@@ -117,7 +126,8 @@ def mechanical_energy(tables, kin, outputs, h, account):
 
 @kernel(inline=True)
 def _note_ranges(bodies, v, account):
-    """Widen the ranges of the twists (nb + 1, 6); of a motion that swings wider than ever the phase is so much less."""
+    """Widen the ranges of the twists v (nb + 1, 6). Where a range becomes the widest, the phase error is scaled down
+    with it."""
     twist = account.twist
     for b in range(v.shape[0] - 1):
         for i in range(6):
@@ -136,10 +146,11 @@ def _note_ranges(bodies, v, account):
 
 @kernel(borrow=True)
 def update_energy(tables, kin, outputs, lam, phi_t, h, account):
-    """Advance the energy balance by a step h [s] (h = 0 starts it): error = E - E_0 + integral of (dissipation - driver power).
+    """Advance the energy balance by a step h [s]; h = 0 starts it.
 
-    The integrals follow the trapezoidal rule, second order like the method if the outputs are those of the inputs at the end of the step.
-    lam and phi_t give the power of prescribed motions.
+    The error is E - E_0 + integral of (dissipated - supplied power), by the trapezoidal rule. It is of second order, as
+    the method, if the outputs are those of the inputs at the end of the step. lam and phi_t (nc,) give the power of
+    imposed motions.
     """
     if h == 0.0:
         account.numbers[:] = 0.0
@@ -177,7 +188,7 @@ def update_energy(tables, kin, outputs, lam, phi_t, h, account):
 
 @kernel(inner=True)
 def power_now(tables, outputs, lam, phi_t):
-    """Dissipated minus supplied power [W], as update_energy() has it."""
+    """Dissipated minus supplied power [W] of these outputs, as in update_energy()."""
     loss = 0.0
     for k in range(tables.forces.shape[0]):
         at = tables.forces[k, OUTPUT]
@@ -191,9 +202,10 @@ def power_now(tables, outputs, lam, phi_t):
 
 @kernel(inner=True)
 def refine_work(account, h, before, middle, worst, at):
-    """Integrate the power over the last step, h [s], by Simpson's rule instead: it was `before` and, in the middle, `middle` [W].
+    """Replace the trapezoidal rule by Simpson's rule in the work of the last step, h [s].
 
-    worst, at: largest error [J] and its time [s] before that step.
+    before, middle: power at the beginning and in the middle of the step [W]. worst, at: largest error [J] and its time
+    [s] before that step.
     """
     account.work[0] += h / 6.0 * (4.0 * middle - 2.0 * (before + account.power[0]))
     error = abs(account.energy[0] - account.reference[0] + account.work[0])
@@ -204,7 +216,8 @@ def refine_work(account, h, before, middle, worst, at):
 
 @kernel(inline=True)
 def _note_change(account, k, change, body, slowest):
-    """Note a change of velocity per step [m/s or rad/s] between two steps; k: 0 of translation, 1 of rotation."""
+    """Note the change of an acceleration in a step, times the step [m/s or rad/s]; k: 0 for translation, 1 for
+    rotation."""
     if change > account.kick[k, 0]:
         note(account.kick[k], change, account.time[0], body)
     part = change / max(account.swing[k], slowest)  # (w h)^2 of the vibration that carries the motion, or less
@@ -213,11 +226,13 @@ def _note_change(account, k, change, body, slowest):
 
 @kernel(inline=True)
 def _note_gyration(J, a, w, step, h, account):
-    """Note what a step misses of the torque of a body whose angular acceleration a turns in its own axes, as it does with a spin.
+    """Note the phase error by the gyroscopic torque of a spinning body, whose angular acceleration a turns in its own
+    axes.
 
-    Euler's equations by the midpoint rule have J a (change / a)^2 / 12 too much of it, change being that of a in the step, across a: of a
-    disc hardly anything beside its angular momentum, of a thin rod many times as much as it has. That turns the angular momentum of
-    the body, and no more than in proportion the motion of all, whose kinetic energy has to follow.
+    The midpoint rule makes the torque in Euler's equations too large by J a (c / a)^2 / 12, with c the part of `step`,
+    the change of a in the step, across a. Relative to the angular momentum that is little for a disc, and may be much
+    for a thin rod. The error turns the angular momentum of the body; it turns the motion of the whole model by at most
+    its share of the kinetic energy.
     """
     square, torque = dot(a, a), mv(J, a)
     b = dot(torque, torque) ** 0.5
@@ -231,15 +246,17 @@ def _note_gyration(J, a, w, step, h, account):
 
 @kernel(borrow=True)
 def note_residuals(constraints, inertia, v, h, residual, position, velocity, phi, rate, a, a_before, slowest, account):
-    """Note what is largest so far: the residual of the iteration, |phi|, |A v + phi_t|, changes of accelerations, with time and place.
+    """Note the largest residual of the iteration, |phi|, |A v + phi_t| and changes of accelerations, with time and
+    place.
 
-    h [s] is the step; twists v (nb + 1, 6), phi and rate (nc,) are those after it. The place of a residual is the body whose acceleration
-    (nb + 1, 6) changed most in the step. slowest [m/s or rad/s]: below it motions do not count.
+    h: the step [s]. v (nb + 1, 6), phi and rate (nc,): twists and residuals after the step. a, a_before (nb + 1, 6):
+    accelerations after and before it. The place of a residual is the body whose acceleration changed most. slowest:
+    velocity [m/s or rad/s] below which a motion does not count.
 
-    An angular acceleration changes by what it does in the axes of the body or of the world, whichever is less: in the former the yaw of a
-    wheel turns with its spin, which is no vibration; in the latter a free disc nutates faster than the equations that a step solves.
-
-    Inertia that turns with a spin costs all the same: _note_gyration().
+    The change of an angular acceleration is the smaller one of its changes in the axes of the body and of the world. In
+    the axes of the body, the yaw of a wheel turns with its spin, which is no vibration. In the axes of the world, a
+    free disc nutates faster than the equations that a step solves. The error that such a spin makes is noted by
+    _note_gyration().
     """
     account.steps[0] += 1.0
     moved, turned, body_moved, body_turned = 0.0, 0.0, 0, 0

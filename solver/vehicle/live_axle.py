@@ -1,14 +1,17 @@
 """Live axle: both wheels on one housing, guided by links (with a Panhard rod) or by leaf springs.
 
-An ideal axle on links has two degrees of freedom with four of them, e.g. two pairs, or a pair, one upper link and a Panhard rod. A driven
-one holds the differential in its housing (solver.vehicle.powertrain).
+An axle on four ideal links has two degrees of freedom: two pairs of links, say, or a pair, one upper link and a Panhard
+rod. A driven axle holds the differential in its housing (solver.vehicle.powertrain).
 
-A steered one has knuckles on kingpins at its ends, a track rod between them, and a drag link from the steering to one of them:
+A steered axle has knuckles on kingpins at its ends, a track rod between the knuckles, and a drag link from the steering
+to one of them:
 
-    housing -revolute- upright (left and right);  upright_left -track_rod- upright_right;  rack, pitman or relay link -drag_link- upright
+    housing -revolute- upright (left and right)
+    upright_left -track_rod- upright_right
+    rack, pitman or relay link -drag_link- upright
 
-Shafts of a driven one turn evenly through joints in its kingpins, as a constant-velocity joint does: the torque of the drive acts between
-housing and wheels, and where a kingpin leans towards the shaft it turns the knuckle about it.
+The shafts of a driven and steered axle have constant-velocity joints in the kingpins. The drive torque acts between
+housing and wheels; where a kingpin leans towards the shaft, a part of the torque turns the knuckle about the kingpin.
 """
 
 from __future__ import annotations
@@ -55,10 +58,13 @@ class CoilSpring:
 
 @dataclass(frozen=True, kw_only=True)
 class Kingpins:
-    """Steering of an axle; data of the left side. lower, upper: points of the kingpin [m]; knuckle: the part that turns
-    about it, with the brake, without the wheel. track_rod: the ball [m] on the left knuckle of the rod to the right
-    one; track_rod_mass [kg], track_rod_radius [m]. drag_link: inner end on what the steering moves, outer end on the
-    knuckle of the side drag_link_on, as given (not mirrored)."""
+    """Steering of an axle; data of the left side.
+
+    lower, upper: points of the kingpin [m]. knuckle: the part that turns about the kingpin, with the brake, without the
+    wheel. track_rod: ball of the track rod on the left knuckle [m]. track_rod_mass [kg] and track_rod_radius [m] of the
+    rod. drag_link: inner end on the rack, pitman arm or relay link, outer end on the knuckle of the side drag_link_on;
+    its points are not mirrored.
+    """
 
     lower: Point
     upper: Point
@@ -82,13 +88,13 @@ class Kingpins:
         return self.knuckle.body(f'upright_{corner}', center, side)
 
     def joint(self, corner: str, side: str, housing: RigidBodySpec, knuckle: RigidBodySpec) -> Parts:
-        """The kingpin: coordinate kingpin_<corner>, positive to the left."""
+        """The kingpin of a corner, a revolute joint with the coordinate kingpin_<corner>, positive to the left."""
         at, axis = on_side(side, self.lower), on_side(side, vector_of(np.subtract(self.upper, self.lower)))
         pin = JointSpec(name=f'kingpin_{corner}', kind='revolute', i=marker_at(housing, at, axis), j=marker_at(knuckle, at, axis))
         return Parts(joints=(pin,))
 
     def rods(self, axle: str, structure: Structure, knuckles: Mapping[str, RigidBodySpec]) -> Parts:
-        """Track rod and drag link."""
+        """Track rod and drag link of an axle. knuckles: side -> knuckle."""
         across = Link(inner=on_side('right', self.track_rod), outer=self.track_rod, mass=self.track_rod_mass, radius=self.track_rod_radius)
         steering = structure.rack or structure.subframe
         return joined(
@@ -101,11 +107,12 @@ class Kingpins:
 
 @dataclass(frozen=True, kw_only=True)
 class LiveAxle(Suspension):
-    """Data of the left side.
+    """Data of a live axle, of its left side.
 
-    housing: tube, differential and wheel carriers of both sides (knuckles are those of the kingpins). links: by name, in pairs, inner end
-    on the chassis, outer end on the axle; rods: the same, single and as given, e.g. a Panhard rod. coil, leaf: springs, one of the two.
-    damper_chassis, damper_axle: ends of the damper [m]. kingpins: of a steered axle.
+    housing: tube, differential and wheel carriers of both sides; of a steered axle without the knuckles. links: name ->
+    left link of a pair, inner end on the chassis, outer end on the axle. rods: name -> single link, with points that
+    are not mirrored, e.g. a Panhard rod. coil or leaf: the springs, one of the two. damper_chassis, damper_axle: ends
+    of the damper [m]. kingpins: of a steered axle.
     """
 
     kind: Literal['live_axle'] = 'live_axle'
@@ -129,11 +136,11 @@ class LiveAxle(Suspension):
             'live axle',
             'links',
             sorted(self.links),
-            'a pair in links counts two, one of rods one; four are needed without leaf springs',
+            'without leaf springs an axle needs four links: an entry of `links` is a pair, an entry of `rods` is one',
         )
 
     def corners(self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None) -> dict[str, Corner]:
-        """Both sides; the housing and the single rods are parts of the left one."""
+        """Side -> corner. The housing, the single rods and the steering are among the parts of the left corner."""
         require(right is None, 'live axle', 'right', 'given', 'both sides are alike: remove it')
         housing = self.housing.body(f'axle_{axle}', self.housing.com)
         base = structures['left']
@@ -159,7 +166,7 @@ class LiveAxle(Suspension):
         return found
 
     def steered(self) -> Linkage | None:
-        """By the drag link; see Suspension.steered."""
+        """Linkage that steers the axle, its drag link; see Suspension.steered."""
         pins = self.kingpins
         if pins is None:
             return None
@@ -167,6 +174,8 @@ class LiveAxle(Suspension):
         return Linkage(low, high, pins.drag_link.inner, pins.drag_link.outer)
 
     def _sprung(self, name: str, side: str, base: Structure, housing) -> Parts:
+        """Damper and spring of one side."""
+
         def ends(chassis: Vector, axle: Vector):
             return marker_at(base.chassis, on_side(side, chassis)), marker_at(housing, on_side(side, axle)), distance(chassis, axle)
 

@@ -1,17 +1,18 @@
-"""A trailer on the hitch of a car: one body on one or two axles, of the suspensions that cars have, behind a ball coupling.
+"""A trailer on the hitch of a car: one body behind a ball coupling, on one or two axles with the suspensions of cars.
 
     chassis -spherical- trailer        `hitch`, at the centre of the ball
 
-Data are given in a design frame of the trailer's own (x forward, y left, z up, origin on the ground, as in
-solver.vehicle.hardpoints), so that a trailer fits behind any car: it is moved until its coupling lies on the ball of
-the car. If the ball is higher or lower than the coupling, the wheels stand as far above or below the ground; the start
-finds how car and trailer really stand.
+The data have a design frame of their own (x forward, y left, z up, origin on the ground, as in
+solver.vehicle.hardpoints), so that a trailer fits behind any car. The trailer is moved until its coupling lies on the
+ball of the car. If the ball is higher or lower than the coupling, the wheels are then above or below the ground; the
+start finds how car and trailer really stand.
 
-Names begin with `trailer`: bodies `trailer`, `wheel_trailer_left`, tires `trailer_left`, with two axles `trailer_front_left`. Coordinate
-`articulation`: yaw of the trailer against the car [rad], positive where the trailer points further to the left than the car.
+Names begin with `trailer`: body `trailer`, `wheel_trailer_left`; tire `trailer_left`, with two axles
+`trailer_front_left`. The coordinate `articulation` is the yaw angle of the trailer relative to the car [rad], positive
+if the trailer points further to the left.
 
-The brakes of a trailer take their share of the input brake_torque besides those of the car, whose shares add up to one.
-The way in which a real overrun brake finds that share, by the force in the drawbar, is not modelled.
+The brakes of a trailer take their share of the input brake_torque in addition to those of the car, whose shares add up
+to one. A real overrun brake finds that share from the force in the drawbar; that is not modelled.
 """
 
 from __future__ import annotations
@@ -40,13 +41,15 @@ from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import UP, Part, Parts, Structure, joined, vector_of
 
 TRAILER, HITCH, ARTICULATION = 'trailer', 'hitch', 'articulation'  # names of body, joint and coordinate
-APART = 0.1  # m between the heights of ball and coupling: the suspensions take up no more
-SLOW = 0.005  # rad/s, from which on dry friction of a coupling has its full size; snaking by one degree is ten times as fast
+APART = 0.1  # largest difference in height of ball and coupling [m]: the suspensions take up no more
+# Articulation rate [rad/s] from which on the dry friction of a coupling has its full size. Ten times as much is the
+# rate of a trailer that snakes by one degree.
+SLOW = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stabilizer:
-    """Resistance to yaw in the coupling. friction: dry, of its pads on the ball [N m]; damping: of a damper beside it
+    """Resistance to yaw in the coupling. friction: dry friction of the pads on the ball [N m]. damping: of a yaw damper
     [N m s/rad]."""
 
     friction: Torque = 0.0
@@ -57,7 +60,7 @@ class Stabilizer:
         finite('stabilizer', 'damping', self.damping, low=0.0)
 
     def parts(self) -> Parts:
-        """The forces, without those that are zero."""
+        """The force elements of friction and damping; one that is zero is left out."""
         terms, f, s = ((ARTICULATION, 1.0),), self.friction, SLOW
         pads = Law.table([(-2.0 * s, -f), (-s, -f), (0.0, 0.0), (s, f), (2.0 * s, f)])
         laws = (('hitch_friction', self.friction, pads), ('hitch_damper', self.damping, Law.linear(self.damping)))
@@ -66,10 +69,11 @@ class Stabilizer:
 
 @dataclass(frozen=True, kw_only=True)
 class Trailer:
-    """Data of a trailer; lengths in its own design frame (x forward, y left, z up, origin on the ground), for the left side.
+    """Data of a trailer, in its own design frame (x forward, y left, z up, origin on the ground), for the left side.
 
-    chassis: everything sprung; coupling: centre of the ball in the coupling [m]; axles: one, or two from front to rear, without drive
-    and rack. The shares of its brakes in the brake torque are besides those of the car.
+    chassis: the whole sprung mass. coupling: centre of the ball in the coupling [m]. axles: one, or two from front to
+    rear, without drive and rack; the shares of their brakes in the brake torque add to those of the car. stabilizer:
+    friction and damping in the coupling. aero: drag and lift of the trailer.
     """
 
     chassis: Part
@@ -90,14 +94,15 @@ class Trailer:
         require(self.coupling[0] > along[0], 'trailer', 'coupling', self.coupling, ahead)
 
     def named_axles(self) -> tuple[Axle, ...]:
-        """The axles as the model calls them: a single one `trailer`, others `trailer_<name>`."""
+        """The axles with their names in the model: a single one is `trailer`, one of two `trailer_<name>`."""
         if len(self.axles) == 1:
             return (dataclasses.replace(self.axles[0], name=TRAILER),)
         return tuple(dataclasses.replace(axle, name=f'{TRAILER}_{axle.name}') for axle in self.axles)
 
 
 def require_behind(trailer: Trailer | None, hitch: Vector | None, rear: float) -> None:
-    """Raise SpecError where a trailer does not fit the hitch of a car whose last axle is at x = rear [m]."""
+    """Raise SpecError for a trailer that does not fit a car with this hitch (None: it has none) and its last axle at x
+    = rear [m]."""
     if trailer is None:
         return
     require(hitch is not None, 'car', 'hitch', None, 'is missing: a trailer needs the centre of the ball')
@@ -111,7 +116,8 @@ def require_behind(trailer: Trailer | None, hitch: Vector | None, rear: float) -
 
 
 def towed(trailer: Trailer | None, hitch: Vector | None, car: RigidBodySpec) -> Parts:
-    """The trailer behind the chassis of a car, if there is one; hitch: in the design frame of the car."""
+    """All parts of the trailer, coupled to the chassis `car`; none without a trailer. hitch: in the design frame of the
+    car [m]."""
     if trailer is None or hitch is None:
         return Parts()
     body = trailer.chassis.body(TRAILER, (0.0, 0.0, 0.0))
@@ -126,14 +132,14 @@ def towed(trailer: Trailer | None, hitch: Vector | None, car: RigidBodySpec) -> 
 
 
 def coupled(trailer: Trailer, hitch: Vector, car: RigidBodySpec, body: RigidBodySpec) -> Parts:
-    """Ball coupling and the coordinate of articulation; body: of the trailer in its own design frame."""
+    """Ball coupling and coordinate of articulation. body: the trailer, in its own design frame."""
     joint = JointSpec(name=HITCH, kind='spherical', i=marker_at(car, hitch), j=marker_at(body, trailer.coupling))
     angle = CoordinateSpec(name=ARTICULATION, kind='rotation', i=marker_at(car, hitch, UP), j=marker_at(body, trailer.coupling, UP))
     return Parts(joints=(joint,), coordinates=(angle,))
 
 
 def moved(bodies: tuple[RigidBodySpec, ...], by: np.ndarray) -> tuple[RigidBodySpec, ...]:
-    """The same bodies elsewhere; markers lie on them and move along."""
+    """The bodies, shifted by (3,) [m]; markers are relative to their bodies and need no change."""
     return tuple(body.replace(position=vector_of(np.array(body.position) + by)) for body in bodies)
 
 
@@ -149,7 +155,7 @@ def refuse_trailer(model: ModelSpec) -> None:
 
 
 def without_trailer(model: ModelSpec) -> ModelSpec:
-    """The car alone; the same model where there is no trailer. Inputs stay as they are."""
+    """The model of the car alone, without the trailer and all elements on it. Inputs stay as they are."""
     if not has_trailer(model):
         return model
     elements = [spec for section, specs in model.sections().items() if section != 'bodies' for spec in specs]
@@ -168,6 +174,6 @@ def without_trailer(model: ModelSpec) -> ModelSpec:
 
 
 def held_by(spec: Spec) -> set[str]:
-    """Names of the bodies that the markers of an element lie on."""
+    """Names of the bodies on which an element has its markers."""
     values: Iterable[object] = (getattr(spec, field.name) for field in dataclasses.fields(spec))
     return {value.body for value in values if isinstance(value, Marker)}

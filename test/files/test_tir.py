@@ -123,7 +123,7 @@ def test_format_name_decides_without_fittyp(tmp_path: Path) -> None:
         ('PDX1 = 1.1\nPKX1 = 22', 'PDX1 = ', None, 'PDX1, PKX1 are missing'),
         ('PCY1 = 1.3', 'PCY1 = 1.3\nPCY2 = 0.9', 29, 'motorcycle'),
         ('[PRIVATE]', '[DEFLECTION_LOAD_CURVE]\n{pen fz}\n 0 0\n 0.02 4000\n 0.01 6000', 38, 'rise from row to row'),
-        ('[PRIVATE]', '[DEFLECTION_LOAD_CURVE]\n 0 0\n 0.01 100\n 0.02 8000', None, 'no parabola follows it'),
+        ('[PRIVATE]', '[DEFLECTION_LOAD_CURVE]\n 0 0\n 0.01 100\n 0.02 8000', None, 'no parabola fits it'),
     ],
 )
 def test_refusals_name_file_and_line(tmp_path: Path, old: str, new: str, line: int | None, words: str) -> None:
