@@ -1,13 +1,13 @@
 """Quantities of interest: named signals with units, computed from the snapshots of any run, by which runs are compared.
 
-Axes of a vehicle, in the words of [ISO8855]: X and Y of the intermediate axes are horizontal, X along the vehicle.
-Velocities and positions are those of base_link, accelerations those of the centre of mass of the chassis. Beside these
-every recorded number has the name of its column in a recording (bags/README.md). A quantity that a level of detail does
-not publish is absent there, and nothing takes its place.
+The axes of a vehicle are the intermediate axes of [ISO8855]: X and Y are horizontal, X along the vehicle. Velocities
+and positions are those of base_link, accelerations those of the centre of mass of the chassis. Besides the named
+quantities every recorded number is one, under the name of its column in a recording (bags/README.md). A quantity that a
+level of detail does not publish is absent there, and nothing takes its place.
 
-A percentage is one of the peak of the reference, the largest absolute value in the time that is compared; where that is less than the
-`least` of the quantity, of this: a car that drives straight ahead is not held to two percent of nothing. It is that of passenger cars and
-grows with the vehicle (solver.vehicle.size).
+A percentage of a quantity refers to the peak of the reference, its largest absolute value in the time that is compared,
+but at least to the `least` of the quantity: an error of a car that drives straight ahead is not compared with nothing.
+The `least` is that of passenger cars, and grows with the vehicle (solver.vehicle.size).
 """
 
 from __future__ import annotations
@@ -28,33 +28,33 @@ from solver.vehicle.size import Size
 
 POSE, TWIST, FORCE = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'), ('vx', 'vy', 'vz', 'wx', 'wy', 'wz'), TIRE_COLUMNS[:6]
 TIRE_STATES = ('fz', *TIRE_COLUMNS[6 : TIRE_COLUMNS.index('px')])
-LEAST = 1e-9  # of recorded numbers, of which nothing is known
+LEAST = 1e-9  # `least` of a recorded number without a name here, in its unit
 
 Numbers = Callable[[np.ndarray], np.ndarray]
 
 
 class Quantity(NamedTuple):
-    """A signal of one or several components (the error is then the length of their difference)."""
+    """A signal with one or several components; the error of several is the length of their difference."""
 
     name: str
-    unit: str  # SI, '1' for a number
-    least: float  # the smallest peak that percentages refer to
-    places: np.ndarray  # (m,) which numbers of a snapshot it is computed from
-    of: Numbers  # (n, m) rows of these numbers, in the order of time -> (n, components)
-    from_start: bool  # its peak is the largest distance from where it starts
+    unit: str  # SI unit, '1' for a number without a unit
+    least: float  # smallest peak to which percentages refer
+    places: np.ndarray  # (m,) indices of the numbers of a snapshot from which it is computed
+    of: Numbers  # function: (n, m) rows of these numbers, in the order of time -> (n, components)
+    from_start: bool  # whether the peak is the largest distance from the first value
 
     def peak(self, values: np.ndarray) -> float:
-        """The largest absolute value (n, components), at least `least`."""
+        """Largest absolute value of the signal (n, components), but at least `least`."""
         return max(self.least, float(lengths(values - values[0] if self.from_start else values).max()))
 
 
 def lengths(values: np.ndarray) -> np.ndarray:
-    """(n,) absolute values of (n, components)."""
+    """(n,) absolute values, or lengths, of a signal (n, components)."""
     return np.abs(values[:, 0]) if values.shape[1] == 1 else np.sqrt((values * values).sum(axis=1))
 
 
 class Named(NamedTuple):
-    """A quantity of a vehicle: unit, the smallest peak that percentages refer to, and what it is."""
+    """A named quantity of a vehicle. least: smallest peak to which percentages refer. text: explanation."""
 
     unit: str
     least: float
@@ -83,7 +83,7 @@ BY_WHEEL: dict[str, Named] = {
     'suspension_travel': Named('m', 0.001, 'travel of the wheel, positive in bump'),
 }
 ORDINARY = Size()
-GROWS: dict[str, Callable[[Size], float]] = {  # by unit how the smallest peak grows with the vehicle
+GROWS: dict[str, Callable[[Size], float]] = {  # unit -> factor by which `least` grows with the vehicle
     'm': lambda size: size.length,
     'm/s': lambda size: size.speed,
     'rad/s': lambda size: 1.0 / size.time,
@@ -102,7 +102,7 @@ def _same_for_all(size: Size) -> float:
 
 
 def published(model: ModelSpec) -> Channels:
-    """Names of what a model publishes, without compiling it; reactions are left out."""
+    """Names of the channels of a model, without compiling it; reactions are left out."""
     coordinates = [c for joint in model.joints for c in joint_coordinates(joint)] + [*model.coordinates]
     wheels = [kind for kind in FORCES if kind.wheels]
     others = [kind for kind in FORCES if not kind.wheels]
@@ -120,7 +120,7 @@ def published(model: ModelSpec) -> Channels:
 
 
 def names(channels: Channels) -> list[str]:
-    """The named quantities of a vehicle with these channels, also of one whose level has no tires; none of a mechanism."""
+    """Names of the quantities of a vehicle with these channels, even if its level has no tires; [] for a mechanism."""
     if not channels.wheels and 'steering_wheel' not in channels.joints:
         return []
     wheels = [f'{name}.{wheel}' for name in ('wheel_load', 'slip_angle', 'slip') for wheel in channels.wheels]
@@ -131,7 +131,8 @@ def names(channels: Channels) -> list[str]:
 
 
 def quantity(name: str, channels: Channels, size: Size = ORDINARY) -> Quantity:
-    """The quantity of that name in snapshots with these channels, of a vehicle of that size. Raises SpecError where they do not have it."""
+    """The quantity `name` in snapshots with these channels, for a vehicle of that size. Raises SpecError if they do not
+    have it."""
     found = _quantity(name, channels)
     return found if size.ordinary else found._replace(least=found.least * GROWS.get(found.unit, _same_for_all)(size))
 
@@ -153,7 +154,8 @@ def _named(name: str, channels: Channels, s: Snapshot) -> Quantity:
     places: np.ndarray
     if head in NAMED:
         meaning = NAMED[head]
-        if head in channels.inputs:  # of a wheel that a torque turns the effort has the damper of the steering in it too
+        # a hand torque that is an input is taken from there: the effort of the wheel contains the steering damper too
+        if head in channels.inputs:
             return Quantity(name, meaning.unit, meaning.least, s.inputs[[channels.inputs.index(head)]].astype(int), _same, False)
         if head in OF_STEERING:
             places = (s.joint_position, s.joint_effort)[OF_STEERING.index(head)][[channels.joints.index('steering_wheel')]]
@@ -247,7 +249,7 @@ OF_BODY: dict[str, Numbers] = {
 
 
 def _columns(channels: Channels, s: Snapshot) -> Iterator[tuple[str, str, float]]:
-    """(name in recordings, unit, place) of every recorded number."""
+    """(column name in recordings, unit, index in a snapshot) of every recorded number."""
     for k, (joint, kind) in enumerate(zip(channels.joints, channels.joint_kinds, strict=True)):
         for rate, unit, values in zip(RATES, JOINT_UNITS[kind], (s.joint_position, s.joint_velocity, s.joint_effort), strict=True):
             yield f'joint_states/{joint}/{rate}', unit, values[k]
@@ -276,7 +278,7 @@ def _columns(channels: Channels, s: Snapshot) -> Iterator[tuple[str, str, float]
 
 @functools.cache
 def _unit_of_output(outputs: tuple[str, ...], output: str) -> str:
-    """Unit of an output of an element that has these outputs, as far as the kinds that have them agree; else '1'."""
+    """Unit of an output of an element with these outputs, if all kinds with these outputs agree in it; else '1'."""
     units = {kind.outputs[output] or '1' for kind in FORCES if tuple(kind.outputs) == outputs}
     unit = units.pop() if len(units) == 1 else '1'
     return '1' if ' or ' in unit else unit

@@ -1,4 +1,5 @@
-"""State files: what ~/save_state writes and the parameter `restore` begins with."""
+"""State files: written by the service ~/save_state, and read by the parameter `restore`, with which a node goes on from
+a state."""
 
 from __future__ import annotations
 
@@ -29,16 +30,18 @@ if TYPE_CHECKING:
 
 
 class Part(Protocol):
-    """Source of inputs that has a memory."""
+    """A source of inputs with a state, e.g. a filter of commands or actuators."""
 
     state: np.ndarray
 
 
 def hand_over(simulation: Simulation, parts: Mapping[str, Part], *, commanded: bool) -> None:
-    """Have what does not act now stand where things are, for whoever drives where the state is restored goes on from there.
+    """Set the states of inactive sources of inputs to the present inputs, before a state is saved.
 
-    commanded: topics drive, and the driver of the scene does not act; else its maneuver does, and the filter behind the commands does not;
-    nor do actuators and assistance where that is a recording, which has been through them.
+    After a restore another source may drive: it then goes on from the present inputs without a jump. commanded: whether
+    topics drive. Then the driver of the scene is inactive. Otherwise the maneuver of the scene drives, and the filter
+    of commands is inactive; so are actuators and assistance if the maneuver is a recording, whose inputs have passed
+    through them already.
     """
     sources, inputs = simulation.sources, simulation.snapshot().inputs
     if commanded:
@@ -56,10 +59,10 @@ def hand_over(simulation: Simulation, parts: Mapping[str, Part], *, commanded: b
 
 
 def save(scene: Scene, simulation: Simulation, parts: Mapping[str, Part], commands: Mapping[str, float]) -> Path:
-    """Write the state of a simulation into a file in the current directory, and return that.
+    """Write the state of a simulation to a new file in the current directory; returns its path.
 
-    parts: by name, what makes its inputs, `steering` among them. commands: by name, those that are in force. Raises SpecError where the
-    file cannot be written; what there is of it is removed.
+    parts: name -> source of inputs; `steering` is one of them. commands: name -> command in force. Raises SpecError if
+    the file cannot be written; nothing of it is left then.
     """
     stem = f'{file_stem(scene.name)}-step{simulation.k}-{time.strftime("%Y%m%d-%H%M%S")}'
     path = next(one for n in count(1) if not (one := Path(f'{stem}{f"-{n}" if n > 1 else ""}.state.npz')).exists())
@@ -84,13 +87,14 @@ def save(scene: Scene, simulation: Simulation, parts: Mapping[str, Part], comman
 
 
 def restore(path: Path, scene: Scene, simulation: Simulation, parts: Mapping[str, Part]) -> dict[str, float]:
-    """Go on from a state file; returns the commands that were in force, by name.
+    """Restore a state file; returns command name -> command that was in force.
 
-    A state of another scene of the same vehicle gives its motion and commands; actuators begin at the inputs in force,
-    and where only one of the two has an assistance, whose gear may be a lever, the gear that is in stays in.
+    The file may be of another scene with the same vehicle. Then motion and commands are restored, and actuators begin
+    at the present inputs. If only one of the two scenes has an assistance, gear and clutch commands are dropped,
+    because they mean different things there (a lever, a gear); the gear stays in.
 
-    Raises SpecError for a file that is none, of another version, or of a scene with another vehicle or step, and where wheels would begin
-    in the ground.
+    Raises SpecError for a file that is no state file, is of another version, or of a scene with another vehicle or
+    step; and if wheels would begin in the ground.
     """
     if not path.is_file():
         raise SpecError(f'parameter restore: {path} is not a state file of ~/save_state (no file is there)')
@@ -109,7 +113,7 @@ def restore(path: Path, scene: Scene, simulation: Simulation, parts: Mapping[str
     names = np.ravel(saved.get('commands', ())).tolist()
     latched = fitting('latched', saved.get('latched'), np.zeros(len(names)))
     if not np.isfinite(latched).all():
-        raise SpecError(f'parameter restore: {path} holds commands that are no numbers; save the state anew')
+        raise SpecError(f'parameter restore: {path} holds commands that are not finite; save the state anew')
     simulation.restore(data, elsewhere=elsewhere)
     if elsewhere:
         _require_above_the_road(path, scene, simulation)
@@ -127,9 +131,12 @@ def restore(path: Path, scene: Scene, simulation: Simulation, parts: Mapping[str
 
 
 def jump(simulation: Simulation, rate: float) -> str:
-    """Sentence on a jump of the steering wheel by a maneuver in the next step, if that is faster than `rate` [rad/s]
-    and the wheel is not where it had it: it does not ask where that stands. '' where it does not, or where a driver or
-    an actuator turns the wheel."""
+    """Sentence on a jump of the steering wheel in the next step, '' where there is none.
+
+    A maneuver that gives the angle over time does not know where the steering wheel stands. It makes a jump if the
+    wheel would turn faster than `rate` [rad/s], and does not stand where the maneuver had it before. A driver or an
+    actuator makes none.
+    """
     sources, names, inputs = simulation.sources, simulation.channels.inputs, simulation.snapshot().inputs
     turned = sources.driver is not None and sources.driver.driver is not None
     if turned or 'steering' not in names or (sources.actuators is not None and 'steering' in simulation.scene.actuation.actuators):
@@ -146,15 +153,16 @@ def jump(simulation: Simulation, rate: float) -> str:
 
 
 def _require_above_the_road(path: Path, scene: Scene, simulation: Simulation) -> None:
-    """Raise SpecError where the road lies so much higher than that of the file that the rim of a wheel is in it: it would be hurled up."""
+    """Raise SpecError where the road is so much higher than at the saved state that the rim of a wheel would be in
+    it."""
     deflection = TIRE_COLUMNS.index('deflection')
     tires = {tire.name: tire.data.values for tire in getattr(scene.model, 'tires', ())}
     for name, row in zip(simulation.channels.wheels, simulation.snapshot().tire.tolist(), strict=True):
         most = tires[name]['UNLOADED_RADIUS'] - tires[name].get('RIM_RADIUS', 0.0)
         if row[deflection] > most:
             raise SpecError(
-                f'parameter restore: {path}: the tire {name} would begin {row[deflection]:.3g} m deep in the road of this scene, whose rim '
-                f'is reached at {most:.3g} m; save the state where the road is as high as here'
+                f'parameter restore: {path}: the tire {name} would begin {row[deflection]:.3g} m deep in the road of '
+                f'this scene, and its rim is reached at {most:.3g} m; save the state where the road is as high as here'
             )
 
 

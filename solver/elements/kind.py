@@ -1,7 +1,8 @@
-"""Kinds of elements, as the rest of the program knows them: one object for each, listed in solver.elements.registry.
+"""Kinds of elements: one ForceKind or ConstraintKind object for each, listed in solver.elements.registry.
 
-Tables, calls, outputs, the energy account, balances, references, recordings and the sections of files follow from these objects in
-loops. A kind is checked when it is made, so that a forgotten step is an error at import.
+The program knows elements by these objects alone. Loops over them make tables, calls of kernels, outputs, the energy
+account, balances, reference solutions, recordings and the sections of files. A kind is checked when its object is made,
+so that a forgotten part is an error at import.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from solver.elements.marker import ConstraintSpec, Spec
 
+# Arguments that kernels must have.
 FORCE = ('table', 'now', 'effects', 'out')
 RESIDUALS = ('table', 'kin', 'gradients', 'phi', 'J')
 RESIDUALS_ON_COORDINATES = ('table', 'coordinates', 'kin', 'angle', 'u', 'gradients', 'phi', 'J')
@@ -25,14 +27,15 @@ FIRST_OUTPUTS = ('energy', 'dissipation')
 
 
 class Held(NamedTuple):
-    """Behaviour of the elements of a kind while static equilibrium is sought."""
+    """Behaviour of the elements of a kind in the search for static equilibrium."""
 
-    table: Any
-    inputs: np.ndarray  # (nu,)
-    limits: dict[int, float]  # largest magnitude that an internal state keeps when the search has ended
+    table: Any  # table of the kind that the search uses
+    inputs: np.ndarray  # (nu,) inputs that the search uses
+    limits: dict[int, float]  # internal state -> magnitude to which it is cut at the end of the search
 
 
 def _require_arguments(where: str, kernel: Callable, wanted: tuple[str, ...]) -> None:
+    """Raise TypeError for a kernel that has other arguments."""
     given = tuple(inspect.signature(getattr(kernel, 'py_func', kernel)).parameters)
     if given != wanted:
         raise TypeError(f'{where}: {kernel.__name__}({", ".join(given)}) must have the arguments ({", ".join(wanted)})')
@@ -46,17 +49,21 @@ def _follows_inputs(spec: type[Spec]) -> bool:
 class ForceKind:
     """A kind of force element.
 
-    name: the field of ModelSpec and the section of a file. compile(specs, context): their table, a NamedTuple of arrays; with
-    a column `body` where elements have internal states, `input` (indices of channels, -1 for none) where the specification
-    has one. kernel: see solver.elements. outputs: column -> unit, energy and dissipation first. supplies: inputs are loads,
-    which feed energy in, not capacities. effort: the column that is a generalized force on the joint coordinates in the
-    table's columns `coordinate` (-1 for none), times `factor` where there is one; or one column for each of these
-    coordinates. wheels: the elements are the wheels of a vehicle, shown by topics of their own. held(table, u): how they act
-    in the search for static equilibrium; approach(table): with which table it begins, where a start far away needs another
-    one.
-    capacities(table, u): the largest torques of the brakes that they are or have, under the inputs u (nu,). rotation: the first of three
-    columns that are a rotation vector [rad] on which the element acts, and which jumps where it turns by pi. peak: the column whose largest
-    value the account of a run notes of every element.
+    name: field of ModelSpec, and section of a file. spec: class of the specifications. compile(specs, context): makes
+    their table, a NamedTuple of arrays; it has a column `body` if the elements have internal states, and a column
+    `input` (indices of inputs, -1 for none) if the specification has an input. kernel: see solver.elements. outputs:
+    column -> unit, energy and dissipation first.
+
+    supplies: the inputs are loads, which supply energy (else they are capacities, as of brakes). effort: output column
+    that is a generalized force on the joint coordinates in the table's column `coordinate` (-1 for none), times its
+    column `factor` if it has one; or a tuple with a column for each coordinate. rotation: first of three output columns
+    that are a rotation vector [rad] on which the element acts; it jumps at a turn by pi. peak: output column whose
+    largest value the account of a run notes. wheels: the elements are the wheels of a vehicle, with topics of their
+    own.
+
+    held(table, u): table, inputs and limits in the search for static equilibrium. approach(table): table with which
+    that search begins, for a start that may be far away. capacities(table, u): largest torques [N m] of the brakes in
+    these elements, under the inputs u (nu,).
     """
 
     name: str
@@ -92,16 +99,16 @@ class ForceKind:
 
     @property
     def efforts(self) -> tuple[str, ...]:
-        """The columns that are generalized forces."""
+        """Output columns that are generalized forces."""
         return (self.effort,) if isinstance(self.effort, str) else self.effort or ()
 
     @property
     def driven(self) -> bool:
-        """True where forces may follow inputs."""
+        """True if the elements can have an input."""
         return _follows_inputs(self.spec)
 
     def column(self, name: str) -> int:
-        """Index of an output. Raises ValueError."""
+        """Index of an output column. Raises ValueError for an unknown name."""
         return list(self.outputs).index(name)
 
 
@@ -109,11 +116,12 @@ class ForceKind:
 class ConstraintKind:
     """A kind of constraint.
 
-    name: the field of ModelSpec and the section of a file. compile(specs, context): their table; rows and Jacobian
-    blocks are those that context.rows() gives out. If the specification has an input, the table has columns `row` and
-    `input` (n, 3): channels of value, rate and acceleration, -1 for none, and the value is subtracted in that row.
-    residuals assigns phi and, when `gradients`, J; hessians adds d(A^T lam)/dq to Kq (Kv is scratch of its shape).
-    on_coordinates: the kernels take the table of joint coordinates, and residuals their values and the inputs.
+    name: field of ModelSpec, and section of a file. spec: class of the specifications. compile(specs, context): makes
+    their table, with rows and Jacobian blocks from context.rows(). If the specification has an input, the table has
+    columns `row` and `input` (n, 3): indices of the inputs of value, rate and acceleration, -1 for none; the value is
+    subtracted in that row. residuals: kernel that assigns phi and, when `gradients`, J. hessians: kernel that adds
+    d(A^T lam)/dq to Kq; Kv is scratch of the same shape. on_coordinates: the kernels also take the table of joint
+    coordinates, and `residuals` their values and the inputs.
     """
 
     name: str
@@ -132,5 +140,5 @@ class ConstraintKind:
 
     @property
     def driven(self) -> bool:
-        """True where rows may follow inputs."""
+        """True if the constraints can have an input."""
         return _follows_inputs(self.spec)

@@ -62,7 +62,7 @@ def test_a_file_holds_the_commands_and_one_of_another_version_is_refused_by_name
     np.savez(older, **{name: value for name, value in content.items() if name != 'format'})  # as mbd_sim_ros 0.1 wrote them
     with pytest.raises(SpecError, match=rf'restore: {older} has format 1, and this version of mbd_sim_ros reads format 2: save it anew'):
         restore(older, scene(), Synthetic(), found)
-    for wrong, says in ((np.zeros(3), 'latched has shape'), (np.array([0.4, np.nan]), 'holds commands that are no numbers')):
+    for wrong, says in ((np.zeros(3), 'latched has shape'), (np.array([0.4, np.nan]), 'holds commands that are not finite')):
         np.savez(older, **{**content, 'latched': wrong})
         with pytest.raises(SpecError, match=says):
             restore(older, scene(), Synthetic(), found)
@@ -192,6 +192,6 @@ def test_a_state_whose_wheels_would_begin_in_a_higher_road_is_refused(tmp_path: 
             restore(path, after, simulation, parts_of(after, simulation))
             continue
         with pytest.raises(
-            SpecError, match=r'restore: .*: the tire \w+ would begin \S+ m deep in the road of this scene, whose rim .* 0.113 m'
+            SpecError, match=r'restore: .*: the tire \w+ would begin \S+ m deep in the road of this scene, and its rim .* 0.113 m'
         ):
             restore(path, after, simulation, parts_of(after, simulation))

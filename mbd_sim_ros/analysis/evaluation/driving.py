@@ -1,7 +1,8 @@
-"""Drives the maneuver of a norm with a vehicle: finds the amplitude, runs what is to be run, keeps what has been run already.
+"""Drives the maneuver of a norm with a vehicle: finds its amplitude first, and uses complete recordings of earlier
+calls again.
 
-A run lies in a directory named by its content: hash of the scene with everything in place, of what is beside its text (its plan, a
-recording that it takes), and of the source of the solver. A recording that exists and is complete is not driven again.
+The name of the directory of a run contains a hash: of the resolved scene, of files that belong to it (its plan, a
+recording that it replays), and of the sources of the solver. So a recording of that name is one of the same run.
 """
 
 from __future__ import annotations
@@ -34,24 +35,35 @@ from solver.units import STANDARD_GRAVITY
 from solver.vehicle.size import size_of
 from solver.vehicle.trailer import has_trailer
 
-RAMP = math.radians(13.5)  # rad/s at the steering wheel
-SOONEST = 1.0  # s in which the ramp reaches RAMPED_TO by geometry alone: it is slower where the steering is more direct
-RAMPED_TO = 0.5 * STANDARD_GRAVITY  # m/s^2 that the ramp for A reaches
-LINE = (0.1 * STANDARD_GRAVITY, 0.375 * STANDARD_GRAVITY)  # m/s^2 between which the straight line for A is
-BRAKES = 'maneuver.brake_torque.value'
-ROLLS, CREEPS = 0.3, 3.0  # slip below which a wheel rolls; speed below which that is not asked [m/s]
-GROWTH, HALVINGS, MOST = 1.25, 3, 12  # of the search for a braking torque
-PREVIEWS, MORE = (1.0, 0.87, 1.13), (1.0, 1.15, 1.3)  # of the preview of the file, and of the car's own understeer gradient
-WHEELBASE = 0.6  # of the length of a car without mirrors, which its data do not say
-SECONDS = (5.0, 8.0, 12.0, 20.0, 32.0)  # of a ramp, 418 deg at the end: the next where it has not found what it is for
-USUAL = 2  # of them are not made longer where the car has done its best
-RISES = 0.01  # part by which the acceleration of a car that can do more grows in the last half second of a ramp; 1.6 % in the longest
-CALIBRATION = 'slowly_increasing_steer'
-OWN = ('maneuver', 'duration', 'record', 'road')  # keys of --set that are for the maneuver, not for the ramp before it
+RAMP = math.radians(13.5)  # rate of the steering wheel in a slow ramp [rad/s]
+# Time [s] in which a ramp reaches RAMPED_TO at the soonest, by geometry: with a direct steering the ramp is slower than
+# RAMP.
+SOONEST = 1.0
+RAMPED_TO = 0.5 * STANDARD_GRAVITY  # lateral acceleration up to which the ramp for the reference angle A goes [m/s^2]
+# Lateral accelerations [m/s^2] between which the straight line for A is fitted.
+LINE = (0.1 * STANDARD_GRAVITY, 0.375 * STANDARD_GRAVITY)
+BRAKES = 'maneuver.brake_torque.value'  # key of the braking torque
+ROLLS = 0.3  # slip below which a wheel rolls, and does not lock
+CREEPS = 3.0  # speed [m/s] below which a wheel may lock
+# Search for the largest braking torque: factor between two trials, halvings of the interval, trials at most.
+GROWTH, HALVINGS, MOST = 1.25, 3, 12
+# Factors that a driver tries: on the preview of the file, and on the understeer gradient of the car.
+PREVIEWS, MORE = (1.0, 0.87, 1.13), (1.0, 1.15, 1.3)
+WHEELBASE = 0.6  # wheelbase, relative to the length of a car without mirrors, which vehicle files do not have
+# durations [s] of a ramp, tried in turn until it reaches what is wanted; 418 deg at last
+SECONDS = (5.0, 8.0, 12.0, 20.0, 32.0)
+# Index of the last duration that is tried in any case; a longer one only if the car still answers at the end of a ramp.
+USUAL = 2
+# Growth of the lateral acceleration in the last half second of a ramp, from which on a car still answers. In the
+# longest ramp it is 1.6 % for a linear car.
+RISES = 0.01
+CALIBRATION = 'slowly_increasing_steer'  # maneuver of the slow ramp
+OWN = ('maneuver', 'duration', 'record', 'road')  # keys of --set that apply to the maneuver, not to the ramp before it
 
 
 def scene_text(drive: Drive, vehicle: Path, name: str, overrides: Sequence[str] = ()) -> str:
-    """The scene of a maneuver, as a text to which anything may be --set. overrides: what will be; a speed among them replaces that here."""
+    """Text of the scene of a maneuver. overrides: settings that will be applied to it; a start speed among them
+    replaces that here."""
     speed = '' if {'start.speed', 'start.speed_kmh'} & {key_of(o) for o in overrides} else f', speed: {drive.speed!r}'
     lines = [
         f'name: {name}',
@@ -73,7 +85,11 @@ def key_of(override: str) -> str:
 
 
 class Driving:
-    """Drives maneuvers of one vehicle into a directory. overrides: --set of the user, after all others. say: whether to show progress."""
+    """Drives maneuvers of one vehicle, with recordings in a directory.
+
+    overrides: settings of the user (--set), applied after all others. say: whether to show progress. driven, kept:
+    numbers of runs that were driven, and that were there already.
+    """
 
     def __init__(self, vehicle: str, directory: Path, overrides: Sequence[str] = (), *, say: bool = False) -> None:
         self.vehicle, self.directory, self.overrides, self.say = find_file(vehicle, 'vehicles').resolve(), directory, list(overrides), say
@@ -82,10 +98,11 @@ class Driving:
         self._angles: dict[tuple[str, ...], tuple[np.ndarray, np.ndarray, bool]] = {}
 
     def drive(self, evaluation: Evaluation) -> tuple[list[Path], dict[str, float]]:
-        """(the recordings, in order; what was found before: the angle of the steering wheel `reference` or `amplitude` [rad]).
+        """(recordings in order, results of the runs before: `reference` or `amplitude` of the steering wheel [rad],
+        `brake_torque` [N m], `preview` and `understeer` of the driver).
 
-        Speeds are those of the norm, whatever the size of the vehicle. Raises MbdError, for a vehicle that is no passenger car in size
-        with the speed at which it would drive as one does.
+        Speeds are those of the norm, whatever the size of the vehicle. Raises MbdError; for a vehicle that is not as
+        large as a passenger car, the sentence names the speed that corresponds to its size.
         """
         try:
             return self._drive(evaluation)
@@ -98,8 +115,11 @@ class Driving:
             raise type(error)(f'{error}; {said}') from error
 
     def speed_note(self, evaluation: Evaluation) -> str:
-        """The speed of the norm and the one that corresponds to it ([Buckingham1914], solver.vehicle.size) for a vehicle that is longer or
-        shorter than passenger cars; '' for one of their length. Raises MbdError."""
+        """Sentence on the speed of the norm and the corresponding speed of a vehicle of another length than passenger
+        cars.
+
+        '' for one of their length. Source: [Buckingham1914], solver.vehicle.size. Raises MbdError.
+        """
         text = scene_text(evaluation.drive, self.vehicle, evaluation.name, self.overrides)
         scene = load_scene_text(text, evaluation.name, self.overrides)
         size, usual = size_of(scene.model), 3.6 * evaluation.drive.speed
@@ -125,7 +145,7 @@ class Driving:
         if not one.amplitude:
             return [self._run(evaluation.name, text, settings)], {}
         if any(key_of(o).startswith(one.amplitude.rpartition('.')[0]) for o in self.overrides):
-            return [self._run(evaluation.name, text, settings)], {}  # the user says what is steered
+            return [self._run(evaluation.name, text, settings)], {}  # the user has given the steering
         if one.series is None:
             angle = self._reaching(text, one.reaches)
             return [self._run(evaluation.name, text, [*settings, f'{one.amplitude}={angle!r}'])], {'amplitude': angle}
@@ -143,15 +163,15 @@ class Driving:
         return places, {'reference': reference}
 
     def _known(self, text: str) -> tuple[Scene, Vehicle]:
-        """The scene of a maneuver, and what is known of its vehicle."""
+        """(scene of a maneuver, figures of its vehicle)."""
         scene = load_scene_text(text, 'scene of the maneuver', self._vehicle_overrides())
         if self._vehicle is None or self._vehicle.scene is None or self._vehicle.scene.model != scene.model:
             self._vehicle = Vehicle.of(scene)
         return scene, self._vehicle
 
     def _sized(self, text: str) -> list[str]:
-        """Settings of the files for passenger cars, scaled to a vehicle of another size: torques of the speed control,
-        and the rate of a slow ramp of the steering wheel."""
+        """Settings that scale the maneuver file, made for passenger cars, to a vehicle of another size: the torques of
+        the speed control, and the rate of a slow ramp of the steering wheel."""
         scene, vehicle = self._known(text)
         size, control = size_of(scene.model), scene.maneuver.speed
         if size.ordinary or control is None or 'mass' not in vehicle.masses:
@@ -164,21 +184,21 @@ class Driving:
         return ramp + [f'maneuver.speed.{name}={float(f"{value:.4g}")!r}' for name, value in settings.items()]
 
     def _fitted(self, evaluation: Evaluation, text: str) -> list[str]:
-        """Settings that follow from the speed of the start and the rest of the scene with all that the user sets."""
+        """Settings that an evaluation computes from the scene, with all settings of the user in it."""
         if evaluation.drive.fitted is None:
             return []
         scene = load_scene_text(text, evaluation.name, self.overrides)
         return [f'{key}={value!r}' for key, value in evaluation.drive.fitted(scene).items()]
 
     def _alone(self, scene: Scene) -> None:
-        """Raises SpecError for a car with a trailer."""
+        """Raise SpecError for a car with a trailer."""
         if has_trailer(scene.model):
             raise SpecError(
                 f'{self.vehicle.stem} pulls a trailer, and the norm is for cars alone: remove vehicle.trailer, or drive a scene'
             )
 
     def _driver(self, text: str, cones: bool) -> list[str]:
-        """Settings of the preview driver about the car."""
+        """Settings of the preview driver that depend on the car. cones: whether the maneuver has cones."""
         scene, vehicle = self._known(text)
         self._alone(scene)
         if vehicle.ratio is None:
@@ -191,10 +211,11 @@ class Driving:
         return settings
 
     def _practised(self, evaluation: Evaluation, text: str, settings: list[str]) -> tuple[Path, dict[str, float]]:
-        """(the first run that leaves all cones standing, else the one nearest to it; what its driver does other than the file says).
+        """(recording of the first run that leaves all cones standing, else of the best one; settings of its driver that
+        differ).
 
-        He tries the preview and the understeer gradient of the file, then those around them that suit the car: its own gradient, and more
-        of it, as he is ahead of a car that answers late.
+        The first driver has preview and understeer gradient of the file. The others have previews around that of the
+        file, and the gradient of the car or more: a driver steers ahead of a car that answers late.
         """
         scene, vehicle = self._known(text)
         driver = scene.maneuver.driver
@@ -229,12 +250,17 @@ class Driving:
         return -math.inf if any(math.isnan(value) for value in values) else min(values)
 
     def _vehicle_overrides(self) -> list[str]:
+        """Settings of the user that also apply to the ramp before a maneuver."""
         return [o for o in self.overrides if key_of(o).partition('.')[0] not in OWN]
 
     def _ramp(self, text: str, side: float, enough: float, friction: float = 1.0) -> tuple[np.ndarray, np.ndarray, bool]:
-        """(lateral acceleration, angle of the steering wheel) of a slow ramp to one side at the speed of the scene, both positive, up to
-        the acceleration `enough` if the car reaches it, on a flat road of this friction; whether it ended before while the car still
-        answered."""
+        """(lateral accelerations [m/s^2], angles of the steering wheel [rad], whether the ramp was too short) of a slow
+        ramp.
+
+        It goes to one side (side: 1 left, -1 right; the results are positive), at the speed of the scene, on a flat
+        road of this friction [-], up to the acceleration `enough` if the car reaches it. It was too short if it ended
+        while the car still answered.
+        """
         scene, vehicle = self._known(text)
         speed = scene.start.speed
         drive = Drive(maneuver=CALIBRATION, speed=speed, duration=SECONDS[-1])
@@ -285,7 +311,8 @@ class Driving:
         return float(np.interp(wanted, np.maximum.accumulate(a), d)) - ahead
 
     def _reference(self, text: str, wanted: float) -> float:
-        """The angle at a lateral acceleration by a straight line, mean of both sides [rad]."""
+        """Angle of the steering wheel [rad] at the lateral acceleration `wanted`, by a straight line; mean of both
+        sides."""
         found = []
         friction = self._friction(text)
         for side in (1.0, -1.0):
@@ -303,7 +330,8 @@ class Driving:
         return float(slope), float(zero)
 
     def _torque(self, label: str, text: str, one: Drive, settings: Sequence[str]) -> float:
-        """The braking torque [N m] for a deceleration; or, where asked for and wheels may lock, the largest with which none does."""
+        """Braking torque [N m] for the deceleration of the maneuver; if it asks for the hardest braking, the largest
+        torque with which no wheel locks."""
         scene, vehicle = self._known(text)
         self._alone(scene)
         heights = {body.name: body.position[2] for body in scene.model.bodies}
@@ -315,7 +343,7 @@ class Driving:
         return self._hardest(label, text, start, settings) if one.hardest and may_lock else start
 
     def _hardest(self, label: str, text: str, start: float, settings: Sequence[str]) -> float:
-        """The largest braking torque [N m], to 3 %, with which no wheel locks; a search from `start` on."""
+        """Largest braking torque [N m] with which no wheel locks, to 3 %, found by a search that begins at `start`."""
 
         def rounded(torque: float) -> float:
             return float(f'{torque:.4g}')
@@ -340,7 +368,8 @@ class Driving:
         return low
 
     def _run(self, label: str, text: str, settings: Sequence[str], *, calibration: bool = False, quiet: bool = False) -> Path:
-        """Drive one scene, unless that has been done; returns its recording."""
+        """The recording of a run, which is driven unless it is there already. calibration: whether it is the ramp
+        before a maneuver."""
         overrides = [*settings, *(self._vehicle_overrides() if calibration else self.overrides)]
         scene = load_scene_text(text, label, overrides)
         place = self.directory / f'{label}-{digest(scene.hash, sources(), *beside_text(scene)).hex()[:12]}'
@@ -348,7 +377,7 @@ class Driving:
             self.kept += 1
             return place
         if place.exists():
-            shutil.rmtree(place)  # begun and interrupted: its name says that it is ours
+            shutil.rmtree(place)  # an interrupted run of ours, by its name
         interrupts.now(f'driving {label}')
         simulate(simulation_of(scene), scene.steps, directory=place, progress=self.say and not quiet)
         self.driven += 1
@@ -356,7 +385,7 @@ class Driving:
 
 
 def rolling(place: Path) -> bool:
-    """True where all wheels of a recording roll, down to walking pace."""
+    """True where no wheel of a recording locks at a speed above CREEPS."""
     run = runs.read(place, ('odom/twist/vx', 'tire_states/*'))
     moving = run['odom/twist/vx'] > CREEPS
     slips = [values for name, values in run.columns.items() if name.startswith('tire_states/') and name.endswith('/kappa')]
@@ -364,13 +393,13 @@ def rolling(place: Path) -> bool:
 
 
 def rising(a: np.ndarray, rate: float) -> bool:
-    """True where a ramp ended while the car still answered to it."""
+    """True where the acceleration a (n,) of a ramp, at `rate` [Hz], still grows at its end."""
     k = max(a.size - round(0.5 * rate), 0)
     return bool(a[-1] > (1.0 + RISES) * a[k] and a[-1] > (1.0 - RISES) * a.max())
 
 
 def on(friction: float) -> str:
-    """Friction on which a ramp was driven, in words; nothing for a dry road."""
+    """Words ' on a road of friction ...' for a sentence; '' for a dry road."""
     return '' if friction == 1.0 else f' on a road of friction {friction:g}'
 
 

@@ -1,4 +1,4 @@
-"""Runs of the slider-crank with their history: energy, step and penalties over time, and what became of them."""
+"""Runs of the slider-crank with their history: energy, step and penalties over time, and the outcome."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from mbd_sim_ros.lab.studies import crank
 from solver.errors import StepError
 from solver.simulation import Simulation
 
-START = np.pi / 4  # rad, where the chapter starts
+START = np.pi / 4  # crank angle at the start in the published chapter [rad]
 
 
 @dataclass(frozen=True, kw_only=True)
 class CrankRun:
-    """One run and what became of it."""
+    """One run and its outcome."""
 
     label: str
     outcome: str  # 'ok', 'wrong branch', or 'failed'
-    until: float  # s
+    until: float  # time that the run reached [s]
     energy: np.ndarray  # (n, 2) time [s], mechanical energy [J]
     steps: np.ndarray  # (n, 2) time [s], step from then on [s]
     penalties: np.ndarray  # (n, 3) time [s], row, penalty from then on
     rows: tuple[str, ...]  # names of constraint rows
-    h: float  # s, at the start
-    penalty: float  # at the start
-    iterations: float  # per step of the grid
-    energy_error: float  # J
-    position_error: float  # of the slider at the end [m], nan if it was not reached
+    h: float  # step at the start [s]
+    penalty: float  # penalty at the start
+    iterations: float  # iterations per step of the grid
+    energy_error: float  # largest error of the energy balance [J]
+    position_error: float  # error of the position of the slider at the end [m], NaN if the end was not reached
 
     @property
     def smallest_step(self) -> float:
@@ -43,11 +43,11 @@ class CrankRun:
 
     @property
     def kept_step(self) -> bool:
-        """True where it reached the end on its branch without ever reducing the step."""
+        """True if the run reached the end on its branch and never reduced its step."""
         return self.outcome == 'ok' and self.smallest_step >= 0.999 * self.h
 
     def figures(self) -> dict[str, Any]:
-        """The figures of a table."""
+        """The row of the run in a table."""
         return {
             'run': self.label,
             'outcome': self.outcome,
@@ -61,7 +61,10 @@ class CrankRun:
 
 
 def record(label: str, h: float, duration: float, settings: dict[str, Any]) -> CrankRun:
-    """Run the chapter's start with these settings for a duration [s], looking after every step of the grid."""
+    """Run the slider-crank from START, with steps h [s] and these settings, for a duration [s].
+
+    After every step of the grid the energy is noted, and the run ends if it has left its branch.
+    """
     simulation = Simulation(crank.scene_at(START, h, settings))
     start = simulation.snapshot().joint_position
     steps = round(duration / h)
