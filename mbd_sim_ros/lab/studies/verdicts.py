@@ -5,7 +5,6 @@ Verdict against truth: how many ok runs are wrong, how many suspect ones right, 
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -36,7 +35,6 @@ CALM = 1e3  # growth of a change of the start within the run, above which a moti
 OTHER, OTHER_STEPS = 1e4, (5e-3, 1e-3)  # penalty and steps of the runs beside the default ones
 STATED = ('position', 'orientation')  # quantities of the stated error that are compared here
 KINDS = ('maximal.py', 'maximal_reader.py', 'maximal_rows.py', 'maximal_forces.py', 'mixtures.py', 'mixture_draft.py')
-ASKED: dict[str, Any] = {'error': True} if 'error' in inspect.signature(simulate).parameters else {}
 REFERENCE = tuple(f'mbd_sim_ros/lab/mechanisms/{name}' for name in KINDS)
 
 
@@ -85,12 +83,12 @@ def run(drawn: Mixture, known: Motion | None, h: float, penalty: float | None = 
     except MbdError as error:
         return {**row, 'status': 'refused', 'text': str(error)}
     try:
-        figures = simulate(simulation, steps, **ASKED)
+        figures = simulate(simulation, steps, error=True)
     except MbdError as error:
         return {**row, 'status': 'error', 'text': str(error)}
     row |= {'status': figures['status'], 'findings': [found['quantity'] for found in figures['findings']]}
-    row['explaining'] = [found['quantity'] for found in figures.get('explaining', ())]
-    stated = {name: error for name, error in figures.get('errors', {}).items() if name in STATED}
+    row['explaining'] = [found['quantity'] for found in figures['explaining']]
+    stated = {name: error for name, error in figures['errors'].items() if name in STATED}
     if stated:
         row |= {'stated': max(e['share'] for e in stated.values()), 'bound': any(e['bound'] for e in stated.values())}
     if known is not None:
