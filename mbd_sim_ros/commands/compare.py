@@ -25,8 +25,10 @@ if TYPE_CHECKING:
     from mbd_sim_ros.analysis.mapping import ChannelMap
     from mbd_sim_ros.bags.reader import Run
 
+EQUAL = '1e-06'  # part of their peak that recordings may be apart and count as equal, as Tolerance() has it
 SHOWN = 12  # channels in the table of the report, those that differ most
-EXAMPLE = """mbd compare bags/coarse bags/fine --rtol 1e-3 --atol 1e-6 --html out/compare.html
+EXAMPLE = """mbd compare bags/heavy bags/light
+  mbd compare bags/coarse bags/fine --rtol 1e-3 --atol 1e-6 --html out/compare.html
   mbd compare bags/first bags/again --exact
   mbd compare measured/lap_1.csv --look > car.yaml
   mbd compare bags/run measured/lap_1 measured/lap_2 measured/lap_3 --mapping car.yaml --align imu/wz --tolerances limits.yaml
@@ -60,7 +62,7 @@ def add(parsers: Any) -> None:
         parsers,
         'compare',
         run,
-        'compare a run with a reference; exit code 1 when a channel is outside its tolerance or missing',
+        'compare a run with a reference: how far apart, or within given tolerances; exit code 0 only where they agree',
         EXAMPLE,
     )
     source = 'bag directory, .mcap file, table (.csv, .tsv, .txt), .mf4, CAN log (.blf, .asc) or directory of .csv files'
@@ -80,11 +82,12 @@ def add(parsers: Any) -> None:
         other=reference,
         help='look at RUN alone: propose quantity, unit and sign of its columns, as a mapping file to confirm',
     )
-    judged = parser.add_argument_group('what is allowed')
-    judged.add_argument(
-        '--rtol', type=float, help='allowed difference relative to the largest value of the channel in REFERENCE (default 1e-06)'
+    judged = parser.add_argument_group(
+        'what is allowed',
+        'Without a limit the differences are listed in percent of the peak, and recordings agree that are equal to 1e-06 of it.',
     )
-    judged.add_argument('--atol', type=float, help='allowed absolute difference, added to the relative one (default 1e-09)')
+    judged.add_argument('--rtol', type=float, help='allowed difference relative to the largest value of the channel in REFERENCE (1e-06)')
+    judged.add_argument('--atol', type=float, help='allowed absolute difference, added to the relative one (1e-09)')
     judged.add_argument('--tolerances', metavar='FILE', type=Path, help='limits per channel, see below; --rtol and --atol for the others')
     judged.add_argument('--exact', action='store_true', help='same instants, same channels, same bits')
     judged.add_argument('--allow-missing', action='store_true', help='accept channels and times that one lacks')
@@ -198,6 +201,7 @@ def run(args: argparse.Namespace) -> Result:
     doubts = {name: list(told) for name, r in zip(names, (ours, *references)) if (told := runs.suspicion(with_doubts_of(r, compared)))}
     result = report(
         found,
+        judged=bool(given) or args.tolerances is not None,
         allow_missing=args.allow_missing,
         names=names,
         left_out=left_out,
@@ -323,6 +327,7 @@ def about(
 def report(
     found: Comparison,
     *,
+    judged: bool = True,
     allow_missing: bool = False,
     names: list[str] | None = None,
     left_out: dict[str, str] | None = None,
@@ -332,12 +337,16 @@ def report(
     html: Path | None = None,
 ) -> Result:
     """A comparison as a Result. The exit code is 0 if every channel is in all recordings and within its tolerance, else
-    1."""
+    1.
+
+    judged: somebody said what is allowed. Where nobody did, the text tells how far apart the recordings are.
+    """
     outside = [d for d in found.differences if not d.ok]
     missing = () if allow_missing else found.left_out
     good = found.ok and not missing
     data = {
         'status': 'same' if good else 'different',
+        'judged': judged or found.exact,
         'instants': found.instants,
         'interpolated': found.interpolated,
         'offsets': [
@@ -360,6 +369,9 @@ def report(
         'plot': None if plot is None else str(plot),
         'html': None if html is None else str(html),
     }
+    said = about(found, names or ['run', 'reference'], left_out or {}, unused, doubts)
+    if not (judged or found.exact or any(d.band is not None for d in found.differences)):
+        return Result(data=data, text='\n'.join([*said, *_apart(found, missing)]), code=0 if good else 1)
     rated = any(d.rating is not None for d in found.differences)
     band = any(d.band is not None for d in found.differences)
     extra = (*(['rating'] if rated else []), *(['in band'] if band else []))
@@ -369,15 +381,30 @@ def report(
         cells += ['' if d.rating is None else f'{d.rating.overall:.3f}'] if rated else []
         cells += ['' if d.band is None else f'{100.0 * d.band.inside:.1f} %'] if band else []
         rows.append((*cells, '' if d.ok else f'OUTSIDE: {"; ".join(d.reasons)}'))
-    lines = [*about(found, names or ['run', 'reference'], left_out or {}, unused, doubts), table(rows)]
+    lines = [*said, table(rows)]
     if len(found.differences) > SHOWN:
         lines.append(f'... and {len(found.differences) - SHOWN} channels that differ less')
     verdict = f'{len(outside)} of {len(found.differences)} channels outside' if outside else f'{len(found.differences)} channels within'
-    verdict += f' tolerance at {found.instants} instants' + (' (interpolated)' if found.interpolated else '')
-    if missing:
-        verdict += f'; {len(missing)} channels are in one recording only'
-    lines.append(verdict)
+    lines.append(f'{verdict} tolerance{_at(found, missing)}')
     return Result(data=data, text='\n'.join(lines), code=0 if good else 1)
+
+
+def _at(found: Comparison, missing: Sequence[str]) -> str:
+    """The end of a verdict."""
+    alone = f'; {len(missing)} channels are in one recording only' if missing else ''
+    return f' at {found.instants} instants{" (interpolated)" if found.interpolated else ""}{alone}'
+
+
+def _apart(found: Comparison, missing: Sequence[str]) -> list[str]:
+    """The lines of a comparison whose tolerances nobody gave: how far apart, and a verdict."""
+    from mbd_sim_ros.analysis.apart import most, rows
+
+    if all(d.ok for d in found.differences):
+        agreed = f'{len(found.differences)} channels agree, to {EQUAL} of their peaks{_at(found, missing)}'
+        return [f'{agreed}; problems: {len(found.problems)}, see above' if found.problems else agreed]
+    verdict = f'the recordings differ: {most(found.differences)}'
+    more = 'all channels: --html FILE, or --json; what is allowed: --rtol 0.05 (5 % of the peak), --tolerances FILE; equal bits: --exact'
+    return [table(rows(found.differences)), more, f'{verdict}{_at(found, missing)}']
 
 
 def _found(offset: Offset) -> dict[str, Any]:
