@@ -37,8 +37,8 @@ LEXERS = {
 LARGEST = 200_000  # bytes of a file that is shown; ten times as much is a page that browsers find heavy
 LISTED = {  # heading of the navigation -> pages
     'Use': (
-        *('docs/tutorial', 'docs/scene', 'docs/vehicle', 'docs/cars', 'docs/tire', 'docs/levels', 'docs/sweeps', 'docs/viewing'),
-        *('docs/comparing', 'docs/evaluating', 'bags/index'),
+        *('docs/tutorial', 'docs/commands', 'docs/coming-from', 'docs/scene', 'docs/vehicle', 'docs/cars', 'docs/tire'),
+        *('docs/levels', 'docs/sweeps', 'docs/viewing', 'docs/comparing', 'docs/evaluating', 'bags/index'),
     ),
     'ROS and Python': ('docs/ros', 'docs/api', 'reference', 'docs/conventions'),
     'Method and evidence': (

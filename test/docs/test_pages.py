@@ -181,7 +181,7 @@ def test_the_readme_lists_every_exit_code():
         of_errors.add(kind.exit_code)
         kinds += [one for one in kind.__subclasses__() if one.__module__.startswith(('solver.', 'mbd_sim_ros.'))]  # none of a test
     assert {NoSimulator.exit_code, main.USAGE_ERROR} < of_errors
-    table = re.search(r'\| exit code .*?\n\n', (ROOT / 'README.md').read_text(encoding='utf-8') + '\n\n', re.DOTALL)
+    table = re.search(r'\| exit code .*?\n\n', (DOCS / 'commands.md').read_text(encoding='utf-8') + '\n\n', re.DOTALL)
     listed = re.findall(r'^\| ([\d, ]+) \|', table[0], re.MULTILINE)
     of_signals = {interrupts.EXIT + number for number in interrupts.SIGNALS}
     assert {int(code) for codes in listed for code in codes.split(',')} == of_errors | {main.INTERNAL_ERROR} | of_signals

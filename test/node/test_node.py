@@ -380,13 +380,13 @@ def test_a_missing_torque_command_is_said_once(start, client):
     assert process.output.count('no torque_cmd for 0.2 s') == 1
 
 
-def test_every_parameter_is_in_the_parameter_file_and_in_the_readme():
+def test_every_parameter_is_in_the_parameter_file_and_in_its_page():
     parameters = pytest.importorskip('mbd_sim_ros.node.parameters', reason='needs ROS: source Jazzy, or pip install .[ros]')
-    readme = (ROOT / 'README.md').read_text()
+    page = (ROOT / 'docs' / 'ros.md').read_text()
     text = (ROOT / 'config' / 'node.yaml').read_text()
     given = yaml.safe_load(text)['/**']['ros__parameters']
     for name, spec in parameters.PARAMETERS.items():
-        assert f'`{name}`' in readme, name
+        assert f'`{name}`' in page, name
         assert name in given or f'    # {name}: ' in text, name
         if name in given:
             assert given[name] == spec.default and type(given[name]) is type(spec.default), name
