@@ -89,7 +89,7 @@ class Settings(argparse.Action):
         from solver.files.overrides import overtaken
 
         given = [*getattr(namespace, self.dest), value]
-        lost = overtaken(given)
+        lost = overtaken([one for one in given if not _is_parameter(one)])
         if lost is not None:
             part, whole = (one.partition('=')[0] for one in lost)
             parser.error(
@@ -98,9 +98,18 @@ class Settings(argparse.Action):
         setattr(namespace, self.dest, given)
 
 
-def add_settings(parser: argparse.ArgumentParser, help_: str = SET_HELP) -> None:
-    """The argument --set."""
-    parser.add_argument('--set', metavar='KEY=VALUE', action=Settings, default=[], dest='overrides', help=help_)
+def _is_parameter(assignment: str) -> bool:
+    """True for a number under a key that stands alone: no part of a scene with parts has one, but parameters of evaluations do."""
+    key, _, value = assignment.partition('=')
+    try:
+        return '.' not in key and float(value) is not None
+    except ValueError:
+        return False
+
+
+def add_settings(parser: argparse.ArgumentParser, help_: str = SET_HELP, *also: str) -> None:
+    """The argument --set. also: other names of it."""
+    parser.add_argument('--set', *also, metavar='KEY=VALUE', action=Settings, default=[], dest='overrides', help=help_)
 
 
 def add_scene(parser: argparse.ArgumentParser, help_: str = SCENE_HELP) -> argparse.Action:

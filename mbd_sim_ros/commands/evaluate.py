@@ -42,6 +42,7 @@ def add(parsers: Any) -> None:
     parser.add_argument('--list', action='store_true', help='list the evaluations and their parameters')
     parser.add_argument(
         '--set',
+        '--with',
         metavar='KEY=NUMBER',
         action='append',
         default=[],

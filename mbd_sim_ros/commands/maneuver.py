@@ -45,15 +45,8 @@ def add(parsers: Any) -> None:
         type=Path,
         help='for recordings and report.html (default: bags/NAME-VEHICLE); complete recordings there are used again',
     )
-    add_settings(parser)
-    parser.add_argument(
-        '--with',
-        metavar='KEY=NUMBER',
-        action='append',
-        default=[],
-        dest='given',
-        help='a parameter of the evaluation, in SI units (repeatable)',
-    )
+    what = 'change one value of the scene (integrator.h=0.002), or a parameter of the evaluation in SI units (low=0.5); repeatable'
+    add_settings(parser, what, '--with')
     parser.add_argument('--strict', action='store_true', help='exit code 1 where a limit of the norm is not kept')
 
 
@@ -67,11 +60,11 @@ def run(args: argparse.Namespace) -> Result:
     evaluations = judging.called(args.name)
     if args.vehicle is None:
         raise SpecError(f'mbd maneuver {args.name}: the VEHICLE is missing; e.g. mbd maneuver {args.name} light_car')
-    given = judging.assignments(args.given, '--with')
+    settings, given = judging.divided(args.overrides, evaluations)
     for evaluation in evaluations:
         judging.parameters_of(evaluation, given)
     directory = args.out or Path('bags') / f'{args.name}-{Path(args.vehicle).stem}'
-    driving = Driving(args.vehicle, directory, args.overrides, say=not args.json)
+    driving = Driving(args.vehicle, directory, settings, say=not args.json)
     with alone(directory):
         return _driven(args, driving, evaluations, given)
 

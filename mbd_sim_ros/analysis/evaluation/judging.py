@@ -23,6 +23,7 @@ from mbd_sim_ros.bags.patterns import nearest
 from mbd_sim_ros.bags.reader import Run
 from solver.dimensions import BOUND_ROUNDING, LOCK
 from solver.errors import BagError, SpecError, suggestion
+from solver.files.scene import MODEL_KEYS
 from solver.scene import Scene
 from solver.validate import finite, require
 
@@ -163,7 +164,7 @@ def _acceleration(s: Signals) -> tuple[str, ...]:
 
 def parameters_of(evaluation: Evaluation, given: Mapping[str, float]) -> Any:
     """The parameters of an evaluation. Raises SpecError."""
-    known = [f.name for f in dataclasses.fields(evaluation.parameters)]
+    known = _parameters(evaluation)
     for name in given:
         if name not in known:
             raise SpecError(f'{evaluation.name} has no parameter {name!r}{suggestion(name, known)}; it has {", ".join(known)}')
@@ -178,18 +179,54 @@ def parameters_of(evaluation: Evaluation, given: Mapping[str, float]) -> Any:
     return parameters
 
 
-def assignments(texts: Sequence[str], option: str = '--set') -> dict[str, float]:
-    """KEY=VALUE from the command line, after this option. Raises SpecError."""
+def assignments(texts: Sequence[str]) -> dict[str, float]:
+    """KEY=NUMBER of --set, parameters of an evaluation. Raises SpecError."""
     result = {}
     for text in texts:
         key, equals, value = text.partition('=')
+        if '.' in key or '[' in key:
+            raise SpecError(f'--set {text}: a recording stays as it is; mbd replay BAG --set {text} simulates it again')
         try:
             if not (key and equals):
                 raise ValueError
             result[key.strip()] = float(value)
         except ValueError:
-            raise SpecError(f'{option} {text!r}: write it as KEY=NUMBER, in SI units') from None
+            raise SpecError(f'--set {text!r}: write it as KEY=NUMBER, in SI units') from None
     return result
 
 
-__all__ = ['assignments', 'called', 'judge', 'meant', 'names', 'parameters_of', 'read']
+def divided(texts: Sequence[str], evaluations: Sequence[Evaluation]) -> tuple[list[str], dict[str, float]]:
+    """(overrides of the scene, parameters of the evaluations) among KEY=VALUE of --set.
+
+    A key with a number that an evaluation has a parameter for is that parameter; a scene has only mappings under such keys. Raises
+    SpecError for a key that neither has.
+    """
+    known = {name for evaluation in evaluations for name in _parameters(evaluation)}
+    scene = [*(f.name for f in dataclasses.fields(Scene)), *MODEL_KEYS]
+    overrides, parameters = [], []
+    for text in texts:
+        key, _, value = (part.strip() for part in text.partition('='))
+        if key in known and (key not in scene or _is_number(value)):
+            parameters.append(text)
+        elif not key.isidentifier() or key.startswith(tuple(scene)):
+            overrides.append(text)
+        else:
+            called_ = ', '.join(evaluation.name for evaluation in evaluations)
+            near = suggestion(key, [*known, *scene])
+            raise SpecError(f'--set {text}: the scene has no such key, and {called_} no parameter {key!r}{near}')
+    return overrides, assignments(parameters)
+
+
+def _parameters(evaluation: Evaluation) -> list[str]:
+    return [f.name for f in dataclasses.fields(evaluation.parameters)]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+__all__ = ['assignments', 'called', 'divided', 'judge', 'meant', 'names', 'parameters_of', 'read']

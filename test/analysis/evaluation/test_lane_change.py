@@ -93,5 +93,5 @@ def test_who_does_not_pass_the_track_is_refused() -> None:
     s = through('iso_3888_1')
     with pytest.raises(BagError, match=r'does not pass the track: .*; it lasts 9 s, a slow car takes longer .*--set duration='):
         lane_change.judge(s, lane_change.LaneChange(width=1.8, start=100.0), 'iso_3888_1')
-    with pytest.raises(BagError, match=r'give width=\.\.\. start=\.\.\. \(mbd evaluate --set, mbd maneuver --with\)'):
+    with pytest.raises(BagError, match=r'give width=\.\.\. start=\.\.\. \(by --set\)'):
         lane_change.judge(s, lane_change.LaneChange(start=100.0), 'iso_3888_1')
