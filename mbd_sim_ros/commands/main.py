@@ -57,6 +57,7 @@ from mbd_sim_ros.commands import (
 from mbd_sim_ros.commands import (
     list as listing,
 )
+from mbd_sim_ros.commands.colour import is_wanted, painted
 from solver.disk import plain
 from solver.errors import MbdError, missing, refused, suggestion
 
@@ -152,7 +153,8 @@ def _command(argv: Sequence[str] | None) -> int:
                     known = dict.fromkeys(re.findall(r'--[\w-]+', args.parser.format_help()))
                     args.parser.error(f'unrecognized argument {unknown[0]}{suggestion(unknown[0], known)}')
                 result = args.run(args)
-                out.say(json.dumps(plain(result.data), allow_nan=False) if as_json else result.text)
+                text = json.dumps(plain(result.data), allow_nan=False) if as_json else result.text
+                out.say(painted(text) if not as_json and is_wanted(out.stream) else text)
                 return result.code
             except MbdError as error:
                 return _fail(out, str(error), error.exit_code, as_json)
