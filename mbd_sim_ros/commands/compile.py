@@ -23,6 +23,7 @@ def run(args: argparse.Namespace) -> Result:
     """Start every scene and make one step."""
     from tqdm import tqdm
 
+    from mbd_sim_ros import compiling
     from mbd_sim_ros.batch import warm_up
     from solver import simulation_of
     from solver.compiled.kernel import KERNELS
@@ -35,6 +36,7 @@ def run(args: argparse.Namespace) -> Result:
             bar.set_description(f'compiling {name}')
             begin = time.perf_counter()
             scene = load_scene(name)
+            compiling.tell(not args.json, scene.model)
             warm_up(simulation_of(scene))
             if scene.integrator.step_policy == 'auto':  # which the node takes for constant
                 warm_up(simulation_of(load_scene(name, ['integrator.step_policy=constant'])))

@@ -41,6 +41,7 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Load, compile and count."""
+    from mbd_sim_ros import compiling
     from mbd_sim_ros.analysis.pages import write_text
     from solver import simulation_of
     from solver.analysis.figures import is_vehicle
@@ -53,6 +54,7 @@ def run(args: argparse.Namespace) -> Result:
     scene = _scene(args.scene, args.overrides)
     if args.resolved:
         return Result(data={'status': 'ok', 'scene': scene.name, 'resolved': scene.resolved}, text=scene.resolved.rstrip())
+    compiling.tell(not args.json, scene.model)
     simulation = simulation_of(scene)
     if args.urdf is not None:
         write_text(args.urdf, simulation.urdf())

@@ -44,6 +44,7 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Load, simulate, judge."""
+    from mbd_sim_ros import compiling
     from mbd_sim_ros.bags.recorder import new_directory
     from mbd_sim_ros.batch import simulate
     from solver import simulation_of
@@ -52,6 +53,7 @@ def run(args: argparse.Namespace) -> Result:
     from solver.vehicle.wheel_end import told_of_fit
 
     scene = load_scene(args.scene, overrides_of(args))
+    compiling.tell(not args.json, scene.model)
     simulation = simulation_of(scene)
     directory = None if args.no_record else args.out or new_directory(scene.name)
     options: dict[str, Any] = {'progress': not args.json, 'balance': args.balance, 'error': not args.no_error}

@@ -47,6 +47,7 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
 
     The scene is the one that the simulation has, e.g. at its level of detail.
     """
+    from mbd_sim_ros import compiling
     from mbd_sim_ros.bags.published import load_published
     from solver import simulation_of
     from solver.engine.stepping import KINDS
@@ -61,6 +62,7 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
     kind = loaded.integrator.kind
     if kind not in KINDS:
         raise SpecError(f'integrator: kind = {kind!r}: a node steps with {" or ".join(KINDS)}; run this one with mbd run')
+    compiling.tell(True, loaded.model)
     simulation = simulation_of(loaded)
     simulation.advance(1, inputs=simulation.snapshot().inputs)  # compiles what a step needs before pacing starts
     simulation.reset()

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from mbd_sim_ros import interrupts
+from mbd_sim_ros import compiling, interrupts
 from mbd_sim_ros.analysis import runs
 from mbd_sim_ros.analysis.evaluation import judging
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
@@ -379,6 +379,7 @@ class Driving:
         if place.exists():
             shutil.rmtree(place)  # an interrupted run of ours, by its name
         interrupts.now(f'driving {label}')
+        compiling.tell(self.say, scene.model)
         simulate(simulation_of(scene), scene.steps, directory=place, progress=self.say and not quiet)
         self.driven += 1
         return place
