@@ -18,6 +18,7 @@ import ast
 import functools
 import hashlib
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -39,30 +40,35 @@ Command = tuple[str, ...]
 
 class Product(NamedTuple):
     """commands: argument lists, of `mbd` or of a tool in docs/tools. roots: modules whose imports are the sources. parts: a pattern of the
-    names of parts between marks; pages: whole pages; pictures: a pattern of files in docs/pictures."""
+    names of parts between marks; pages: whole pages; pictures: a pattern of files in docs/pictures. peers: other programs that a part
+    holds figures of; without them it is not made, since a page that loses them says less than the old one."""
 
     commands: tuple[Command, ...]
     roots: tuple[str, ...]
     parts: str = ''
     pages: tuple[str, ...] = ()
     pictures: str = ''
+    peers: tuple[str, ...] = ()
 
 
-def _study(name: str, *more: str) -> Product:
+def _study(name: str, *more: str, peers: tuple[str, ...] = ()) -> Product:
     commands = (('mbd', 'study', name, '--out', f'out/{name}', *more), ('docs/tools/studies.py', 'out', name))
-    return Product(commands, (f'mbd_sim_ros.lab.studies.{name}',), rf'{name}(: .*)?', pictures=f'{name}_*.png')
+    return Product(commands, (f'mbd_sim_ros.lab.studies.{name}',), rf'{name}(: .*)?', pictures=f'{name}_*.png', peers=peers)
 
 
-def _bench(suite: str, *more: str) -> Product:
+def _bench(suite: str, *more: str, peers: tuple[str, ...] = ()) -> Product:
     options = ('--suite', f'{suite}.yaml') if suite else ()
     part = f'bench {suite}' if suite else 'bench'
-    return Product((('mbd', 'bench', *options, *more, '--out', 'docs/performance.md'),), ('mbd_sim_ros.lab.benchmarks.suite',), part)
+    return Product(
+        (('mbd', 'bench', *options, *more, '--out', 'docs/performance.md'),), ('mbd_sim_ros.lab.benchmarks.suite',), part, peers=peers
+    )
 
 
 def _picture(name: str, roots: tuple[str, ...], *commands: Command) -> Product:
     return Product(commands, roots, pictures=name)
 
 
+PEERS = ('exudyn', 'mujoco')
 TRADED = ('car_lane_change', 'car_rough_road', 'car_split_mu_brake', 'car_step_steer', 'car_swept_steer')
 SEEN = ('mbd_sim_ros.batch', 'mbd_sim_ros.analysis.view')
 TRAILER = ('mbd', 'run', 'saloon_with_trailer', '--out', 'out/trailer')
@@ -89,7 +95,7 @@ PRODUCTS: dict[str, Product] = {  # those that take seconds first
     'car': _study('car'),
     'levels': _study('levels'),
     'car_cost': _study('car_cost'),
-    'work_precision': _study('work_precision'),
+    'work_precision': _study('work_precision', peers=PEERS),
     'slider_crank_phases': _study('slider_crank_phases'),
     'penalty_map': _study('penalty_map'),
     'stability': _study('stability'),
@@ -107,7 +113,7 @@ PRODUCTS: dict[str, Product] = {  # those that take seconds first
     'bench_startup': _bench('startup'),
     'bench_scaling': _bench('scaling'),
     'bench_node_at_work': _bench('node_at_work', '--cases', 'car', '--duration', '600'),
-    'bench': _bench(''),
+    'bench': _bench('', peers=PEERS),
 }
 
 
@@ -219,6 +225,12 @@ def make(names: Sequence[str]) -> int:
     for k, name in enumerate(names, 1):
         print(f'[{k} of {len(names)}] {name}', flush=True)
         product = PRODUCTS[name]
+        if away := [peer for peer in product.peers if not _there(peer)]:
+            named = ' and '.join(f'MBD_{peer.upper()}_PYTHON' for peer in away)
+            remedy = f"pip install 'mbd_sim_ros[bench]', or name a Python that has it in {named}"
+            print(f'{name}: {" and ".join(away)} cannot be imported; {remedy}')
+            failed.append(name)
+            continue
         before, began = digest(product), time.monotonic()
         if not all(_run(command) for command in product.commands):
             failed.append(name)
@@ -234,6 +246,15 @@ def make(names: Sequence[str]) -> int:
     if failed:
         print(f'not made: {", ".join(failed)}')
     return 1 if failed else 0
+
+
+def _there(peer: str) -> bool:
+    """True where the Python that a peer runs in (mbd_sim_ros.lab.peers.exudyn) has it."""
+    interpreter = os.environ.get(f'MBD_{peer.upper()}_PYTHON', sys.executable)
+    try:
+        return subprocess.run([interpreter, '-c', f'import {peer}'], capture_output=True, check=False).returncode == 0
+    except OSError:
+        return False
 
 
 def _run(command: Command) -> bool:

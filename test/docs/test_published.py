@@ -94,3 +94,12 @@ def test_the_verdict_of_a_claim_follows_from_its_parts_by_one_rule(parts, verdic
     claim = Claim('it is so', tuple(Part(f'part {k}', holds) for k, holds in enumerate(parts)), '1 and 2')
     assert claim.row()['verdict'] == verdict
     assert claim.row()['parts'].count('NO') == parts.count(False)
+
+
+def test_a_page_is_not_made_anew_without_the_programs_that_it_compares_with(published, monkeypatch, capsys) -> None:
+    monkeypatch.setenv('MBD_EXUDYN_PYTHON', '/nowhere/python')
+    monkeypatch.setenv('MBD_MUJOCO_PYTHON', '/nowhere/python')
+    monkeypatch.setattr(published, '_run', lambda command: pytest.fail(f'{command} was run'))
+    assert published.make(['work_precision']) == 1
+    said = capsys.readouterr().out
+    assert 'exudyn and mujoco cannot be imported' in said and 'MBD_MUJOCO_PYTHON' in said
