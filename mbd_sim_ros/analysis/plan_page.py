@@ -18,7 +18,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from mbd_sim_ros.analysis.pages import plain_page, write_text
 from mbd_sim_ros.analysis.plots import FIRST, GREY, SECOND, STYLE
 from solver.errors import MbdError
-from solver.trade.bench import run_of, truth_of
+from solver.trade.bench import known, truth_of
 from solver.trade.errors import ORIGINS
 from solver.trade.judging import Verdict, nearest
 from solver.trade.runs import Stopped
@@ -58,7 +58,7 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
         parts += ['<h2>Which subsystem matters for which output</h2>', picture(_influences(search))]
         parts.append(
             '<p>RMS change of each output, in % of its peak, when the subsystem alone is left out of the chosen level; beside it what a'
-            ' step then costs, and the activity of the subsystem, the integral of |power|, in the full vehicle.</p>'
+            ' step then costs. Subsystems that save nothing are not shown.</p>'
         )
     if data['checks']:
         parts += ['<h2>Maneuvers that had no part in the choice</h2>', picture(_checks(data))]
@@ -71,6 +71,9 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
         second = reference['second_formulation']
         table = [(name, f'{100 * b:.2g}', f'{100 * second[name]:.2g}' if name in second else '-') for name, b in reference['band'].items()]
         parts.append(rows([('quantity', 'band', 'second formulation'), *table]))
+        if reference['elsewhere']:
+            judge = html.escape(' and '.join(reference['elsewhere']))
+            parts.append(f'<p>On other maneuvers the reference is {judge}, whose error on this one is a small share of every limit.</p>')
     envelope = [(e['quantity'], shown(e['low'], e['unit']), shown(e['high'], e['unit'])) for e in data['envelope']]
     parts += ['<h2>Envelope</h2>', rows([('quantity', 'from', 'to'), *envelope])]
     parts.append(f'<p>Certificate {html.escape(data["hash"])}; {html.escape(data["baseline"])} costs 1.</p>')
@@ -85,9 +88,20 @@ def verdict(data: dict[str, Any]) -> str:
     off = ', '.join(data['settings']['switches'])
     what = f'{data["fidelity"]}{f" without {off}" if off else ""} with {integrator}'
     costs = f'costs {data["cost_ratio"]:.3g} of the full vehicle at 1 ms'
-    unseen = data['unseen']
-    costs += f'; mbd run shows {shows(data)}' if 'run' in data['cost'] else ''
-    return f'{data["status"]}: {what} {costs}; {unseen["passed"]} of {unseen["passed"] + unseen["failed"]} unseen maneuvers passed'
+    costs += f'; mbd run shows {shows(data)}' if 'run' in data.get('cost', {}) else ''
+    return f'{data["status"]}: {what} {costs}; {elsewhere(data["unseen"])}'
+
+
+def elsewhere(unseen: dict[str, Any]) -> str:
+    """The checks on maneuvers that had no part in the choice, in words."""
+    of = unseen['passed'] + unseen['failed']
+    if not of:
+        return 'not checked on other maneuvers'
+    text = f'{unseen["passed"]} of {of} other maneuver{"s" * (of > 1)} passed'
+    text += '' if unseen['largest'] is None else f', the worst at {100.0 * unseen["largest"]:.0f} % of the limit'
+    if unseen['bound'] is None:
+        return text
+    return f'{text}. (Statistically: with 95 % confidence at most {100.0 * unseen["bound"]:.2g} % could fail.)'
 
 
 def shows(data: dict[str, Any]) -> str:
@@ -159,9 +173,11 @@ def _origins(data: dict[str, Any]) -> Figure:
 
 def _curves(search: Search, chosen: Verdict) -> str:
     try:
-        truth, found = truth_of(search.bench, AS_GIVEN), run_of(search.bench, AS_GIVEN, chosen.setting)
+        truth, found = truth_of(search.bench, AS_GIVEN), known(search.bench, AS_GIVEN, chosen.setting)
     except (MbdError, Stopped) as failure:
         return f'<p>{html.escape(str(failure))}</p>'
+    if found is None:
+        return '<p>Its run did not come to the end.</p>'
     names = [n for n in search.shown if n in found.curves and n != 'position'][:CURVES]
     if not names:
         return ''
@@ -216,7 +232,7 @@ def _influences(search: Search) -> Figure:
             text = '-' if not np.isfinite(value) else '0' if value < 1e-6 else f'{value:.1g}' if value < 10.0 else f'{value:.0f}'
             ax.text(k, i, text, ha='center', va='center', fontsize=8, color='white' if value > 3.0 else 'black')
     ax.set_xticks(range(len(names)), names, rotation=45, ha='right', fontsize=8)
-    labels = [f'{i.subsystem}: step {100 * i.cost:.0f} %, {i.activity:.2g} J' for i in known]
+    labels = [f'{i.subsystem}: step {100 * i.cost:.0f} %' for i in known]
     ax.set_yticks(range(len(known)), labels, fontsize=8)
     return figure
 

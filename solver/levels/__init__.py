@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 
 from solver.errors import SceneError, SpecError
 from solver.findings import LevelReport
-from solver.levels.derived import Derived, channels, moved_imu
+from solver.levels.derived import Derived, channels, moved_imu, with_one_iteration
 from solver.levels.switches import switched
 from solver.scene import Scene
+from solver.step.settings import IntegratorSettings
 
 if TYPE_CHECKING:
     from solver.engine import Engine
@@ -25,6 +26,11 @@ __all__ = ['Derived', 'LevelReport', 'derive', 'simulation_of']
 
 LEVELS = {'condensed': 'solver.levels.condensed', 'kc': 'solver.levels.kc', 'single_track': 'solver.levels.single_track'}
 """Level -> the module with its `derive(scene) -> Derived`: from a scene with `fidelity: full` and no switches."""
+
+
+def integrator_of(fidelity: str, settings: IntegratorSettings) -> IntegratorSettings:
+    """The settings with which a level is simulated in place of these: derive() has them in its scene."""
+    return with_one_iteration(settings) if fidelity in ('condensed', 'kc') else settings
 
 
 def derive(scene: Scene) -> Derived:

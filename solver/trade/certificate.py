@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
@@ -14,8 +15,10 @@ from solver.disk import digest, plain
 from solver.errors import MbdError
 from solver.levels.auto import INCOMPLETE, OK, key
 from solver.scene import Scene
-from solver.trade.bench import findings_of, known, truth_of, truths
+from solver.trade.bench import findings_of, known, truth_of
+from solver.trade.elsewhere import SMALL_THERE
 from solver.trade.errors import ORIGINS
+from solver.trade.first import Answer
 from solver.trade.judging import MARGIN, Verdict, nearest
 from solver.trade.runs import Stopped
 from solver.trade.search import Search
@@ -23,8 +26,9 @@ from solver.trade.setting import Setting, baseline
 from solver.trade.variations import AS_GIVEN, ranges_of
 
 NO = 'no'
+CERTIFIED, MEASURED, CLOSEST = 'certified', 'measured, not checked elsewhere', 'the closest that was tried'
 UNTRIED, UNREACHED = 'not looked at: what is cheaper keeps everything', 'not looked at'
-CONFIDENCE = 3.0  # over n: the bound of the rate of failures after n passes, 95 %
+DOUBT = 0.05  # probability that the bound of the rate of failures does not hold
 
 
 def plan(search: Search) -> dict[str, Any]:
@@ -66,7 +70,7 @@ def plan(search: Search) -> dict[str, Any]:
     data['unseen'] = {
         'passed': passed,
         'failed': failed,
-        'bound': CONFIDENCE / passed if passed and not failed else None,
+        'bound': 1.0 - DOUBT ** (1.0 / passed) if passed and not failed else None,
         'ranges': ranges_of(scene),
         'largest': max((c.used for c in search.checks), default=None),
     }
@@ -74,6 +78,11 @@ def plan(search: Search) -> dict[str, Any]:
         data['status'] = OK if passed and not failed else INCOMPLETE
     elif best is None and search.ended:
         data['status'] = INCOMPLETE
+    data['interrupted'] = search.allowance.ended()
+    data['first'] = [first(search, answer, shown) for answer in search.answers]
+    data['basis'] = CERTIFIED if data['status'] == OK else None if shown is None else MEASURED if best is not None else CLOSEST
+    if shown is None and data['status'] == INCOMPLETE and search.answers:
+        data |= {name: data['first'][-1][name] for name in ('fidelity', 'settings', 'cost_ratio', 'basis')}
     data['give'] = [] if data['status'] == OK else what_has_to_give(search, shown, slow, data)
     data['margin'] = MARGIN
     data['largest_error'] = None if shown is None else shown.error
@@ -90,9 +99,51 @@ def plan(search: Search) -> dict[str, Any]:
     data['baseline'] = str(baseline(scene))
     data['key'] = key(scene)
     data['took'] = search.took
+    data['price'] = price(search, None if best is None else best.setting)
     data = plain(data)
     data['hash'] = digest(json.dumps(data, sort_keys=True)).hex()[:16]
     return data
+
+
+def first(search: Search, answer: Answer, shown: Verdict | None) -> dict[str, Any]:
+    """A first answer: what it said, when, on what basis, and whether the last one is the same."""
+    return {
+        'setting': str(answer.setting),
+        'fidelity': answer.setting.level,
+        'settings': {name: value for name, value in answer.setting.keys().items() if name != 'fidelity'},
+        'cost_ratio': answer.cost,
+        'basis': answer.basis,
+        'why': answer.why,
+        'used': answer.used,
+        'after': answer.after,
+        'agrees': None if search.result is None or shown is None else agreed(answer.setting, shown.setting),
+    }
+
+
+def agreed(a: Setting, b: Setting) -> bool:
+    """True where two settings are of one level with one step: iterations, damping and subsystems change costs by some per cent."""
+    return (a.level, a.h) == (b.level, b.h)
+
+
+def price(search: Search, setting: Setting | None) -> dict[str, Any]:
+    """Price of the plan: what it took, in CPU seconds and full runs, what its runs were made for, and from how many runs on it pays (None: never).
+    `once`: CPU seconds besides, for levels that are derived once for the vehicle."""
+    cpu, full_run, saves = search.allowance.cpu, search.allowance.full_run, 0.0
+    if not math.isfinite(full_run):
+        full_run = math.nan
+    elif setting is not None:
+        with suppress(MbdError, Stopped):
+            saves = search.saves(setting)
+    return {
+        'cpu': cpu,
+        'once': search.ledger.once,
+        'full_run': full_run,
+        'full_runs': cpu / full_run,
+        'saves': saves,
+        'pays_from': math.ceil(cpu / saves) if saves > 0.0 else None,
+        'runs': search.ledger.table(),
+        'runs_found': search.kept.found,
+    }
 
 
 def least_speed(scene: Scene) -> tuple[float, str]:
@@ -161,21 +212,24 @@ def errors(verdict: Verdict) -> dict[str, dict[str, Any]]:
 
 def reference_of(search: Search) -> dict[str, Any]:
     """The way in which the converged full vehicle was found and confirmed: RMS errors as shares of the peak by quantity."""
-    found = truths(search.bench)
-    if not found:
+    try:
+        truth = truth_of(search.bench, AS_GIVEN)
+    except (MbdError, Stopped):
         return {}
-    band = {name: d.share('rms') for name, d in found[0].band.items() if name in search.shown}
+    band = {name: d.share('rms') for name, d in truth.band.items() if name in search.shown}
     second = {name: d.share('rms') for name, d in search.second.items() if name in search.shown}
-    return {'steps': list(search.bench.steps), 'band': band, 'second_formulation': second}
+    elsewhere = [str(setting) for setting in search.bench.apart]
+    return {'steps': list(search.bench.steps), 'band': band, 'second_formulation': second, 'elsewhere': elsewhere}
 
 
 def envelope_of(search: Search) -> list[dict[str, Any]]:
     """The ranges of the maneuvers that were passed: by quantity, of all wheels together, the smallest and the largest value of the full
     vehicle and of the setting that was found. So a run of what is certified does not leave its own certificate."""
     found: dict[str, tuple[str, float, float]] = {}
-    for v in [*search.bench.seen, *(c.variation for c in search.checks if c.passed)]:
+    bench = search.bench if search.result is None else search.judged_by(search.result.setting, SMALL_THERE)
+    for v in [*bench.seen, *(c.variation for c in search.checks if c.passed)]:
         try:
-            truth = truth_of(search.bench, v)
+            truth = truth_of(bench, v)
         except (MbdError, Stopped):
             continue
         own = known(search.bench, v, search.result.setting) if search.result is not None else None
@@ -190,6 +244,9 @@ def envelope_of(search: Search) -> list[dict[str, Any]]:
 def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: dict[str, Any]) -> list[str]:
     """Sentences: what comes closest, and which limit it would need."""
     if closest is None:
+        if data['status'] == INCOMPLETE and search.answers:
+            answer = search.answers[-1]
+            return [f'{answer.setting} is what was known by then, from the {answer.basis} ({answer.why}); nothing of it is checked']
         return [*search.notes, 'no setting could be tried'] if not search.notes else search.notes
     if slow:
         (factor, who), found = least_speed(search.scene), data['cost']['real_time_factor']

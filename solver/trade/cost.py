@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +21,10 @@ from solver import simulation_of
 from solver.errors import StepError
 from solver.levels.derived import FINE
 from solver.scene import Scene
+from solver.simulation import Simulation
 from solver.trade.setting import Setting
 
+Make = Callable[[Setting], Simulation]
 PIECE = 0.1  # s of simulated time that one sample of the cost is of
 ROUNDS = 3
 PROBE = 150  # steps of one timing of a model
@@ -63,12 +65,14 @@ def measured(scene: Scene, setting: Setting, *, seconds: float = 2.0, rounds: in
     return compared(scene, (setting,), seconds=seconds, rounds=rounds)[0]
 
 
-def compared(scene: Scene, settings: Sequence[Setting], *, seconds: float = 2.0, rounds: int = ROUNDS) -> list[Cost]:
+def compared(
+    scene: Scene, settings: Sequence[Setting], *, seconds: float = 2.0, rounds: int = ROUNDS, make: Make | None = None
+) -> list[Cost]:
     """The costs of settings as of measured(), their rounds in turn: a time in which the machine is slow is one of all of them.
 
-    Raises MbdError when a run fails.
+    make: the simulation of a setting, where somebody knows its start already. Raises MbdError when a run fails.
     """
-    simulations = [simulation_of(setting.of(scene)) for setting in settings]
+    simulations = [simulation_of(setting.of(scene)) if make is None else make(setting) for setting in settings]
     pieces, found = [], []
     for s in simulations:
         there = _steps(scene, s.h)  # a recording whose inputs are applied ends there
@@ -91,35 +95,34 @@ def _steps(scene: Scene, h: float) -> int:
     return max(1, math.floor(scene.duration / h + 1e-6))
 
 
-def size(scene: Scene, setting: Setting) -> tuple[int, ...]:
-    """The size of a model, that is what a step works on: bodies, rows, internal states, columns of its elements, height grids.
-    Raises MbdError.
+def size(s: Simulation) -> tuple[int, ...]:
+    """The size of a model, that is what a step works on: bodies, rows, internal states, height grids.
 
     Models of one size cost the same; what the clock sees between them is noise.
     """
-    s = simulation_of(setting.of(scene))
-    return s.model.n_bodies, s.model.n_rows, int(s.state.z.size), len(s.channels.elements), len(s.model.spec.road.grids)
+    return s.model.n_bodies, s.model.n_rows, int(s.state.z.size), len(s.model.spec.road.grids)
 
 
-def per_step(scene: Scene, setting: Setting, h: float = PROBED) -> PerStep:
+def per_step(scene: Scene, setting: Setting, h: float = PROBED, *, make: Make | None = None) -> PerStep:
     """Time of a step and of an evaluation of a model, by timing steps of h [s] with one and with three iterations. Steps are no longer
-    than the scene. Where such a run fails they are shorter, up to SHORTER times. Raises MbdError."""
+    than the scene. Where such a run fails they are shorter, up to SHORTER times. make: as compared() takes it. Raises MbdError."""
     h = min(h, scene.duration)
     for k in range(SHORTER):
         try:
-            return _timed(scene, setting, h / 2**k)
+            return _timed(scene, setting, h / 2**k, make)
         except StepError:
             continue
-    return _timed(scene, setting, h / 2**SHORTER)
+    return _timed(scene, setting, h / 2**SHORTER, make)
 
 
-def _timed(scene: Scene, setting: Setting, h: float) -> PerStep:
+def _timed(scene: Scene, setting: Setting, h: float, make: Make | None) -> PerStep:
     times, evaluations = [], []
     there = _steps(scene, h)
     before_it = min(PROBE // 3, there // 4)
     probe = max(1, min(PROBE, there - before_it))
     for iterations in PROBES:
-        simulation = simulation_of(dataclasses.replace(setting, h=h, iterations=iterations).of(scene))
+        way = dataclasses.replace(setting, h=h, iterations=iterations)
+        simulation = simulation_of(way.of(scene)) if make is None else make(way)
         simulation.advance(before_it, audit=False)
         saved, best = simulation.save(), np.inf
         for _ in range(ROUNDS * -(-PROBE // probe)):

@@ -11,6 +11,7 @@ Three differences lead from the converged full vehicle to a run. Each is measure
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import NamedTuple
 
 from solver.analysis.departures import FAILED, Departure
@@ -30,21 +31,23 @@ class Error(NamedTuple):
     iteration: Departure
 
 
-def by_origin(truth: Reference, own: Reference, settled: Run, found: Run) -> dict[str, Error]:
+def by_origin(truth: Reference, own: Reference, settled: Run, found: Run, names: Collection[str] | None = None) -> dict[str, Error]:
     """The errors of the run `found` by quantity.
 
     truth: limit of the full vehicle. own: limit of the level of the run, `truth` itself where that is the full vehicle.
-    settled: the run iterated to tolerance, `found` itself where it was.
+    settled: the run iterated to tolerance, `found` itself where it was. names: of the quantities that are looked at, None:
+    all. By the triangle inequality the parts add up to no less than the whole whatever `own` is, also where it is not
+    converged: what it lacks is then part of the model's error.
     """
-    whole, step = truth.errors(found), own.errors(settled)
+    whole, step = truth.errors(found, names), own.errors(settled, names)
     none = {name: Departure(0.0, 0.0, peak, 0.0) for name, peak in truth.peaks.items()}
-    model = none if own is truth else truth.errors(own.as_run)
+    model = none if own is truth else truth.errors(own.as_run, names)
     between = none
     if settled.failure:
         between = dict.fromkeys(truth.quantities, FAILED)
     elif settled is not found:
-        between = departures(found, settled.time, settled.curves, truth.quantities, truth.peaks)
-    return {name: Error(whole[name], model[name], step.get(name, FAILED), between[name]) for name in truth.quantities}
+        between = departures(found, settled.time, settled.curves, truth.quantities, truth.peaks, names)
+    return {name: Error(whole[name], model[name], step.get(name, FAILED), between[name]) for name in whole}
 
 
 class Requirement(NamedTuple):

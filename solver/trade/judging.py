@@ -3,22 +3,43 @@ and elsewhere."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import NamedTuple
 
 from solver.analysis.certificate_coverage import is_broken
+from solver.analysis.departures import Departure
 from solver.errors import MbdError
-from solver.trade.bench import FULL, Bench, cost_of, errors_of, findings_of, keep, known, own_of, run_of, settled, truth_of, truths
+from solver.trade.bench import (
+    FULL,
+    Bench,
+    apart_of,
+    converging,
+    cost_of,
+    errors_of,
+    findings_of,
+    going_of,
+    keep,
+    known,
+    own_of,
+    run_of,
+    settled,
+    truth_of,
+)
 from solver.trade.errors import Bound, Requirement
-from solver.trade.reference import Reference
-from solver.trade.runs import Going, Run, Stopped, all_of
+from solver.trade.reference import STEPS, Reference
+from solver.trade.runs import Run, Stopped, all_of
 from solver.trade.setting import Setting
 from solver.trade.variations import AS_GIVEN, Variation
 
 MARGIN = 0.1  # of every limit that the error itself leaves free
+# Error of a reference on another maneuver over that on the one of the scene, as shares of the peak: speeds, amplitudes and friction
+# are at most a tenth apart. Ten times as much would need references as dear as that of the scene.
+ELSEWHERE = 2.0
 PARTS = (0.25, 0.5, 1.0)  # of the maneuver, in the race
+EVERY_STEP = tuple(4.0 * STEPS[0] / 2**k for k in range(8))  # s, that a reference may have been tried with
 NO_TRUTH = 'the reference: '  # how the failure of a check begins where the full vehicle itself cannot be simulated
 
 
@@ -67,14 +88,18 @@ def largest(shares: dict[Requirement, float]) -> tuple[Requirement, float]:
 
 
 def bands_of(bench: Bench, v: Variation) -> dict[Requirement, float]:
-    """Band of the converged full vehicle, in the unit of the error: the largest share of the peak that it has in maneuvers
-    with all steps. A delay has nothing to do with how large the peak is."""
-    peaks, there = truth_of(bench, v).peaks, truths(bench)
+    """Band of the converged full vehicle, in the unit of the error, as a share of the peak what it is on the maneuver of the scene. On
+    others the error counts besides that the reference there (Bench.apart) makes on that one, ELSEWHERE times. A delay has nothing to do
+    with how large the peak is."""
+    given, peaks = truth_of(bench, AS_GIVEN), truth_of(bench, v).peaks
+    parts = [(1.0, given.band)]
+    if v != AS_GIVEN and bench.apart:
+        parts.append((ELSEWHERE, apart_of(bench, bench.apart)))
 
-    def scaled(r: Requirement, t: Reference) -> float:
-        return r.error(t.band[r.quantity]) * (1.0 if r.measure == 'delay' else peaks[r.quantity] / t.peaks[r.quantity])
+    def scaled(r: Requirement, d: Departure) -> float:
+        return r.error(d) * (1.0 if r.measure == 'delay' else peaks[r.quantity] / given.peaks[r.quantity])
 
-    return {r: max((scaled(r, t) for t in there), default=0.0) for r in bench.requirements}
+    return {r: sum(factor * scaled(r, errors[r.quantity]) for factor, errors in parts) for r in bench.requirements}
 
 
 def limits_of(bench: Bench, v: Variation) -> dict[Requirement, float]:
@@ -96,7 +121,7 @@ def broken(bench: Bench, v: Variation, setting: Setting) -> str:
 
 def against(bench: Bench, reference: Reference, found: Run) -> dict[Requirement, float]:
     """The errors of a run that are limited, against a converged solution."""
-    errors = reference.errors(found)
+    errors = reference.errors(found, bench.required)
     return {r: r.error(errors[r.quantity]) for r in bench.requirements}
 
 
@@ -126,29 +151,51 @@ def race(bench: Bench, setting: Setting) -> tuple[str, float, float]:
 
 
 def _race(bench: Bench, setting: Setting) -> tuple[str, float, float]:
-    own, model = own_of(bench, AS_GIVEN, setting), model_error(bench, AS_GIVEN, setting)
-    there, exact = known(bench, AS_GIVEN, setting), known(bench, AS_GIVEN, settled(setting))
-    if exact and not exact.failure and not there:
-        step = against(bench, own, exact)
-        worst, used = largest(shares(bench, AS_GIVEN, {r: model[r] + step[r] for r in bench.requirements}))
-        if not used <= 1.0:
-            return f'{worst}: {used:.2g} of its limit with any number of iterations', used, 1.0
-    going = None if there else Going(bench.scene, setting, bench.names, stop=bench.stop)
+    """As race(). The whole error comes first, which no converged level is needed for: it is no larger than the sum of its parts."""
+    truth, there = truth_of(bench, AS_GIVEN), known(bench, AS_GIVEN, setting)
+    if not there and (why := _step_alone(bench, setting)):
+        return why
+    going = None if there else going_of(bench, AS_GIVEN, setting, audit=True)
     used = math.inf
     for part in PARTS if going else PARTS[-1:]:
-        found = there or going.to(part * bench.scene.duration)  # type: ignore[union-attr]
+        with bench.ledger.timed():
+            found = there or going.to(part * bench.scene.duration)  # type: ignore[union-attr]
+        if going:
+            bench.ledger.add(runs=int(part == PARTS[0]), steps=going.new_steps())
         if found.failure:
             return found.failure, math.inf, part
-        errors = against(bench, own, found)
+        errors = against(bench, truth, found)
         grown = {'max': 1.0, 'rms': math.sqrt(part), 'delay': 1.0}  # what it has reached of the whole by then
         for r in bench.requirements:
             if r.measure == 'delay' and part < 1.0:
                 errors[r] = 0.0  # it may shrink again, and may not be there yet: an infinite one is no reason either
-        worst, used = largest(shares(bench, AS_GIVEN, {r: model[r] + grown[r.measure] * errors[r] for r in bench.requirements}))
+        worst, used = largest(shares(bench, AS_GIVEN, {r: grown[r.measure] * errors[r] for r in bench.requirements}))
         if not used <= 1.0:
             return f'{worst}: {used:.2g} of its limit after {part:.0%} of the maneuver', used, part
-    keep(bench, AS_GIVEN, setting, found)
+    if going:
+        keep(bench, AS_GIVEN, setting, found, going.findings())
+    own, model = own_of(bench, AS_GIVEN, setting), model_error(bench, AS_GIVEN, setting)
+    errors = against(bench, own, found)
+    worst, used = largest(shares(bench, AS_GIVEN, {r: model[r] + errors[r] for r in bench.requirements}))
+    if not used <= 1.0:
+        return f'{worst}: the errors of model, step and iteration add up to {used:.2g} of its limit', used, 1.0
     return '', used, 1.0
+
+
+def _step_alone(bench: Bench, setting: Setting) -> tuple[str, float, float] | None:
+    """As race() says it of a setting whose step is too long with any number of iterations, as far as that is known."""
+    if setting.model != FULL.model and ('limit', AS_GIVEN, converging(setting, bench.steps[1:])) not in bench.made:
+        return None
+    own, model = own_of(bench, AS_GIVEN, setting), model_error(bench, AS_GIVEN, setting)
+    for h in sorted(h for h in {*EVERY_STEP, *bench.steps, setting.h} if h <= setting.h):
+        exact = known(bench, AS_GIVEN, dataclasses.replace(settled(setting), h=h))
+        if exact and not exact.failure:  # the error of a step grows with the step
+            step = against(bench, own, exact)
+            worst, used = largest(shares(bench, AS_GIVEN, {r: model[r] + step[r] for r in bench.requirements}))
+            if not used <= 1.0:
+                shorter = '' if h == setting.h else f', with {1e3 * h:g} ms already'
+                return f'{worst}: {used:.2g} of its limit with any number of iterations{shorter}', used, 1.0
+    return None
 
 
 def judge(bench: Bench, setting: Setting, workers: int | None = 1) -> Verdict:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple, TypeVar
 
@@ -44,17 +44,23 @@ class Run(NamedTuple):
 
 
 def run(
-    scene: Scene, setting: Setting, quantities: Sequence[str], *, stop: Callable[[], bool] | None = None, start: bytes | None = None
+    scene: Scene,
+    setting: Setting,
+    quantities: Sequence[str],
+    *,
+    stop: Callable[[], bool] | None = None,
+    make: Callable[[], Simulation] | None = None,
 ) -> Run:
-    """Run a scene this way to its end; a failure ends the run and is kept.
-
-    stop(): raise Stopped soon. start: a state of Simulation.save() to begin with, of the same model.
-    """
-    return Going(scene, setting, quantities, stop=stop, start=start).to(scene.duration)
+    """Run a scene this way to its end; a failure ends the run and is kept. stop(), make(): as Going takes them."""
+    return Going(scene, setting, quantities, stop=stop, make=make).to(scene.duration)
 
 
 class Going:
-    """A run that can be looked at in between. Nothing is raised but Stopped. audit: keep the account that findings() needs."""
+    """A run that can be looked at in between. Nothing is raised but Stopped.
+
+    stop(): raise Stopped soon. make(): the simulation of the setting, where somebody knows its start already. audit: keep
+    the account that findings() needs.
+    """
 
     def __init__(
         self,
@@ -63,7 +69,7 @@ class Going:
         quantities: Sequence[str],
         *,
         stop: Callable[[], bool] | None = None,
-        start: bytes | None = None,
+        make: Callable[[], Simulation] | None = None,
         audit: bool = False,
     ) -> None:
         self.setting, self._stop, self._audit = setting, stop, audit
@@ -71,12 +77,10 @@ class Going:
         self._found: dict[str, Quantity] = {}
         self._rows: list[np.ndarray] = []
         self._t: list[int] = []
-        self._failure = ''
+        self._failure, self._told = '', 0
         self._simulation: Simulation | None = None
         try:
-            s = self._simulation = simulation_of(setting.of(scene))
-            if start is not None:
-                s.restore(start)
+            s = self._simulation = simulation_of(setting.of(scene)) if make is None else make()
         except MbdError as error:
             self._failure = str(error)
             return
@@ -114,6 +118,11 @@ class Going:
                 self._failure = str(error)
         return self._run()
 
+    def new_steps(self) -> int:
+        """Steps since this was last asked."""
+        before, self._told = self._told, 0 if self._simulation is None else self._simulation.k
+        return self._told - before
+
     def findings(self) -> tuple[Finding, ...]:
         """The findings that make the run so far suspect; nothing of one that failed, or was made without audit."""
         if self._failure or self._envelope is None or self._simulation is None:
@@ -142,11 +151,19 @@ def at(times: np.ndarray, found_times: np.ndarray, values: np.ndarray) -> np.nda
 
 
 def departures(
-    found: Run, time: np.ndarray, curves: Curves, quantities: dict[str, Quantity], peaks: dict[str, float]
+    found: Run,
+    time: np.ndarray,
+    curves: Curves,
+    quantities: dict[str, Quantity],
+    peaks: dict[str, float],
+    names: Collection[str] | None = None,
 ) -> dict[str, Departure]:
-    """Errors of a run against curves at the instants `time`, by quantity. What failed, or is not modelled, is infinitely far."""
+    """Errors of a run against curves at the instants `time`, by quantity. What failed, or is not modelled, is infinitely far. names: of the
+    quantities that are looked at, None: all."""
     result = {}
     for name, q in quantities.items():
+        if names is not None and name not in names:
+            continue
         if found.failure or name not in found.curves or name not in curves:
             result[name] = FAILED
             continue

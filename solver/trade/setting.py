@@ -43,15 +43,19 @@ class Setting:
     def of(self, scene: Scene) -> Scene:
         """The scene simulated this way, with constant step and penalties and the method of second order. It requires no accuracy: what is
         measured here is not what an older plan certifies."""
+        integrator = dataclasses.replace(scene.integrator, **self.integrator(scene))
+        require = dataclasses.replace(scene.require, accuracy={})
+        switches = dict.fromkeys(self.off, 'off')
+        return dataclasses.replace(scene, fidelity=self.level, switches=switches, integrator=integrator, require=require)  # type: ignore[arg-type]
+
+    def integrator(self, scene: Scene) -> dict[str, Any]:
+        """The settings of the integrator that differ from those of the scene."""
         mode: dict[str, Any] = {'mode': 'fixed', 'iterations': self.iterations}
         if self.iterations is None:
             most = max(scene.integrator.max_iterations, IntegratorSettings().max_iterations)  # fewer would be no reference
             mode = {'mode': 'tolerance', 'tolerance': self.tolerance, 'max_iterations': most}
         mode |= {'kind': 'alf', 'h': self.h, 'rho_inf': self.rho_inf, 'step_policy': 'constant', 'penalty_policy': 'constant', 'order': 2}
-        integrator = dataclasses.replace(scene.integrator, **(mode | dict(self.other)))
-        require = dataclasses.replace(scene.require, accuracy={})
-        switches = dict.fromkeys(self.off, 'off')
-        return dataclasses.replace(scene, fidelity=self.level, switches=switches, integrator=integrator, require=require)  # type: ignore[arg-type]
+        return mode | dict(self.other)
 
     def keys(self) -> dict[str, Any]:
         """The keys of a scene that this setting is, as they stand in a file."""

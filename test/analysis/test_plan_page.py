@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from mbd_sim_ros.analysis.plan_page import error_rows
+import pytest
+
+from mbd_sim_ros.analysis.plan_page import elsewhere, error_rows
 
 
 def test_errors_have_the_units_of_their_quantities() -> None:
@@ -19,3 +21,19 @@ def test_errors_have_the_units_of_their_quantities() -> None:
         ('yaw_rate delay', '2 ms', '0.1 s', '-', '0 s', '-', '0.2 s'),
         ('imu/ay max', '0.1 m/s^2', '0.1 m/s^2', '-', '0 m/s^2', '-', '0.2 m/s^2'),
     ]
+
+
+CONFIDENCE = '(Statistically: with 95 % confidence at most {} % could fail.)'
+
+
+@pytest.mark.parametrize(
+    ('passed', 'failed', 'bound', 'largest', 'text'),
+    [
+        (12, 0, 1.0 - 0.05 ** (1 / 12), 0.851, '12 of 12 other maneuvers passed, the worst at 85 % of the limit. ' + CONFIDENCE.format(22)),
+        (59, 0, 1.0 - 0.05 ** (1 / 59), 0.04, '59 of 59 other maneuvers passed, the worst at 4 % of the limit. ' + CONFIDENCE.format(5)),
+        (1, 1, None, 1.3, '1 of 2 other maneuvers passed, the worst at 130 % of the limit'),
+        (0, 0, None, None, 'not checked on other maneuvers'),
+    ],
+)
+def test_checks_are_told_in_the_words_of_an_engineer(passed, failed, bound, largest, text) -> None:
+    assert elsewhere({'passed': passed, 'failed': failed, 'bound': bound, 'largest': largest}) == text

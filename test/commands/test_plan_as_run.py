@@ -40,7 +40,9 @@ def found(**more: Any) -> dict[str, Any]:
     """A plan whose scene runs at 145 times real time with its recording, at 641 without, and whose steps alone make 2750."""
     return {
         'status': 'ok', 'fidelity': 'full', 'settings': {'integrator': {'h': 0.02}, 'switches': []}, 'cost_ratio': 0.1, 'give': [],
-        'cost': {'real_time_factor': 2750.0}, 'unseen': {'passed': 2, 'failed': 0, 'bound': None}, 'notes': [], 'levels': {},
+        'cost': {'real_time_factor': 2750.0},
+        'unseen': {'passed': 2, 'failed': 0, 'bound': None, 'largest': 0.85}, 'notes': [],
+        'levels': {},
         'out': 'out', 'took': 1.0, 'errors': {}, 'units': {}, **more,
     }  # fmt: skip
 

@@ -76,7 +76,7 @@ def test_where_nothing_can_be_written_every_run_is_made(tmp_path: Path) -> None:
 
 def test_an_interrupted_plan_goes_on_and_ends_as_one_that_was_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     price = PerStep(14e-6, 5e-6, 1.0, 3.0)  # as it was measured once: two measurements might order settings differently
-    monkeypatch.setattr(cost, 'per_step', lambda scene, setting: price)
+    monkeypatch.setattr(cost, 'per_step', lambda scene, setting, **_: price)
     scene = solver.load_scene('spring_mass', ['duration=0.3', 'require={joint_states/guide/position: {rms: 5 %}}'])
     settings = {'unseen': 2, 'workers': 1, 'longest': 600.0, 'levels': ()}
 

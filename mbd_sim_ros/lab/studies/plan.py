@@ -1,10 +1,12 @@
-"""Study of the plans: what `mbd plan` chooses on six scenes with three requirements each, held against maneuvers it has not seen and
-against the cheapest of the whole grid, which is looked for afterwards."""
+"""Study of the plans: what `mbd plan` chooses on six scenes with three requirements each, what it takes, held against maneuvers it has not
+seen and against the cheapest of the whole grid, which is looked for afterwards."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,13 +17,17 @@ from solver.errors import MbdError
 from solver.files.scene import load_scene, load_scene_text
 from solver.levels import LEVELS
 from solver.scene import Scene
+from solver.trade import reference
+from solver.trade.allowance import LONGEST, TIMES, Allowance
 from solver.trade.bench import Bench, cost_of, known, per_step
 from solver.trade.certificate import OK, plan
 from solver.trade.errors import ORIGINS
+from solver.trade.first import RULE, TWIN
 from solver.trade.judging import Check, bounds_of, broken, check
-from solver.trade.search import LONGEST, UNSEEN, Search
-from solver.trade.setting import Setting
-from solver.trade.variations import effective, inside
+from solver.trade.ledger import PURPOSES
+from solver.trade.search import UNSEEN, Search
+from solver.trade.setting import Setting, baseline
+from solver.trade.variations import Variation, effective, inside
 
 SUMMARY = 'plans of six scenes with three requirements each: maneuvers they have not seen, cost against the cheapest of the grid, time'
 CORES = 2  # that a plan has LONGEST seconds on
@@ -78,7 +84,7 @@ NEVER = Wish('step steer', IMPOSSIBLE)
 
 def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> dict:
     """See mbd_sim_ros.lab.studies. Plans are made one after the other, each on all cores that this process may use."""
-    cores = len(os.sched_getaffinity(0))
+    cores, startup = len(os.sched_getaffinity(0)), time.process_time()  # what this process took to be ready every command takes
     wishes = (Wish('level cruise', '{position: {max: 0.5 m}}'),) if quick else tuple(dict.fromkeys((TURN, HOP, TIGHT, NEVER, *WISHES)))
     rows: dict[Wish, dict[str, Any]] = {}
     cells = Cells(out / 'cells')
@@ -87,7 +93,7 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
         def said(text: str, _: float, k: int = k, wish: Wish = wish) -> None:
             progress(f'plan {k + 1} of {len(wishes)}: {wish.scene}: {text}', k / len(wishes))
 
-        rows[wish] = cells.cell(str(wish), lambda wish=wish, said=said: made(wish, cores, quick, said))  # type: ignore[misc]
+        rows[wish] = cells.cell(str(wish), lambda wish=wish, said=said: made(wish, cores, quick, said, startup))  # type: ignore[misc]
     report = Report(out, 'Plans')
     report.text(
         'Every plan is made from nothing but its scene and what is required of it, and then held against maneuvers that had no part in '
@@ -95,7 +101,10 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
         'the same limits on the same maneuvers by the same rule: on those that served to choose its errors of model, step and iteration '
         'do not add up to more than a limit, and on all its own error is within the limits. Of all that are cheaper every one is tried. '
         'Settings that keep the limits only because these errors cancel no plan may take; the last columns say how much cheaper the '
-        'cheapest is where they count too. Costs are CPU seconds per simulated second by counters. '
+        'cheapest is where they count too. Costs are CPU seconds per simulated second by counters. A plan knows nothing of others of its '
+        'vehicle, and references on maneuvers that it has not seen are made anew from converged runs, finer than its own. What it took is '
+        'CPU time, in full runs as a command (start of the program, of the scene, and all steps as the scene gives them) and in steps of '
+        'the full run alone; levels that are derived once for the vehicle are not part of it. '
         f'Made on {cores} core{"s" * (cores > 1)}; time is given for {CORES}.'
     )
     report.table('plans', [shown(wish, row) for wish, row in rows.items()])
@@ -108,11 +117,19 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
         report.check(f'{wish}: unseen maneuvers that it failed on', row['failed'], 0)
         report.check(f'{wish}: cost over that of the cheapest of the grid', number(row['dearer']), DEAREST)
         report.check(f'{wish}: time on {CORES} cores [s]', row['took'] * cores / CORES, ALLOWED)
+        report.check(f'{wish}: CPU time over that of the full run', number(row['full_runs']), TIMES)
     if not quick:
         report.check('wheel-hop loads take another level than yaw rate', float(rows[HOP]['level'] != rows[TURN]['level']), 1.0, least=True)
         tight = rows[TIGHT]
         full = tight['level'] == 'full' and number(tight['h']) <= SMALL
         report.check('1e-5 m takes the full vehicle and a small step', float(full), 1.0, least=True)
+    answers = [{'scene': wish.scene, 'required': wish.require, **line} for wish, row in rows.items() for line in row['first']]
+    report.text('## First answers', 'What was answered before the search, and whether level and step were those of the plan in the end.')
+    report.table('first answers', answers)
+    agreed = {basis: [a['agrees'] for a in answers if a['basis'] == basis and a['agrees'] is not None] for basis in (RULE, TWIN)}
+    report.text('; '.join(f'{basis}: {sum(found)} of {len(found)} agreed' for basis, found in agreed.items()) + '.')
+    report.text('## What the runs were for', 'Runs (and starts that were sought) of all these plans together, and their CPU time.')
+    report.table('purposes', purposes(list(rows.values())))
     chance = [{'scene': wish.scene, **line} for wish, row in rows.items() for line in row['cancelling']]
     if chance:
         report.text(
@@ -134,27 +151,45 @@ def shown(wish: Wish, row: dict[str, Any]) -> dict[str, Any]:
         'scene': wish.scene, 'required': wish.require, 'plan': row['setting'] or row['status'],
         'unseen passed': row['passed'], 'failed': row['failed'], 'largest share of a limit': row['largest'],
         'cheapest of the grid': row['cheapest'] or '', 'dearer': row['dearer'], 'of the full vehicle': row['cost_ratio'],
+        'CPU [s]': row['cpu'], 'full runs': row['full_runs'], 'steps of the full run': row['step_runs'], 'runs': row['runs_made'],
         'time [s]': row['took'], 'cheapest where errors may cancel': row['cheapest_by_chance'], 'dearer than that': row['dearer_by_chance'],
     }  # fmt: skip
 
 
-def made(wish: Wish, cores: int, quick: bool, progress: Callable[[str, float], None]) -> dict[str, Any]:
-    """A plan, and what became of it."""
+def purposes(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Sums of what all plans have spent, by purpose."""
+    found = []
+    for purpose in PURPOSES:
+        spent = [row['runs'][purpose] for row in rows if purpose in row['runs']]
+        found.append({'purpose': purpose, **{what: sum(one[what] for one in spent) for what in ('runs', 'starts', 'steps', 'cpu')}})
+    return found
+
+
+def made(wish: Wish, cores: int, quick: bool, progress: Callable[[str, float], None], startup: float) -> dict[str, Any]:
+    """A plan, and what became of it. startup: CPU time [s] that a command takes before it begins."""
     scene = SCENES[wish.scene]([*(['duration=1'] if quick else []), f'require={wish.require}'])
     levels = () if quick else tuple(LEVELS)
-    longest = LONGEST * CORES / cores
-    search = Search(scene, workers=cores, longest=longest, unseen=2 if quick else UNSEEN, levels=levels, progress=progress)
+    search = Search(
+        scene, workers=cores, longest=LONGEST * CORES / cores, times=math.inf if quick else TIMES, startup=startup, levels=levels,
+        unseen=2 if quick else None, progress=progress,
+    )  # fmt: skip
     data = plan(search)
+    price = data['price']
+    steps = search.scene.duration * cost_of(search.bench, dataclasses.replace(baseline(search.scene), h=search.scene.integrator.h))
     found: dict[str, Any] = {
         'status': data['status'], 'level': None, 'h': None, 'setting': '', 'passed': 0, 'failed': 0, 'largest': None, 'cheapest': '',
         'dearer': None, 'cost_ratio': data['cost_ratio'], 'took': data['took'], 'give': data['give'], 'notes': data['notes'],
         'levels': data['levels'], 'cheapest_by_chance': '', 'dearer_by_chance': None, 'cancelling': [],
+        'cpu': price['cpu'], 'full_runs': price['full_runs'], 'step_runs': (price['cpu'] - startup) / steps, 'runs': price['runs'],
+        'runs_made': sum(one['runs'] for one in price['runs'].values()), 'checked': data['unseen']['passed'],
+        'first': [{name: one[name] for name in ('setting', 'basis', 'after', 'cost_ratio', 'agrees')} for one in data['first']],
     }  # fmt: skip
     if search.result is None:
         return found
     best = search.result
-    search.until = math.inf
-    checks = unseen(search, best.setting, 2 if quick else LEAST_UNSEEN)
+    search.allowance = Allowance(math.inf)
+    search.bench = converged(search)
+    checks = unseen(search, best.setting, 2 if quick else UNSEEN)
     cheaper = cheaper_of_grid(search, best.cost, checks, levels)
     itself = Cheaper(best.setting, best.cost, None)
     by_rule = min((c for c in cheaper if c.cancelling is None), key=lambda c: c.cost, default=itself)
@@ -174,18 +209,26 @@ def made(wish: Wish, cores: int, quick: bool, progress: Callable[[str, float], N
     }
 
 
-def unseen(search: Search, setting: Setting, least: int) -> list[Check]:
-    """The checks of the plan on maneuvers that had no part in the choice, and more where it had no time for so many."""
-    bench = search.bench
-    checks = [c for c in search.checks if c.variation not in bench.seen]
-    there = {c.variation for c in checks}
-    k = 0
-    while len(checks) < least and k < 10 * least:
+def converged(search: Search) -> Bench:
+    """A bench that shares nothing with that of a plan but the prices of steps. Its references are the limits of two or three steps
+    iterated to tolerance on every maneuver, no coarser than reference.STEPS."""
+    bench, prices = search.bench, {key: price for key, price in search.bench.made.items() if key[0] == 'price'}
+    steps = min(reference.STEPS, bench.steps, key=lambda steps: steps[-1])
+    return Bench(bench.scene, bench.names, steps, bench.requirements, bench.seen, made=prices)
+
+
+def unseen(search: Search, setting: Setting, count: int) -> list[Check]:
+    """Checks against converged references on maneuvers that had no part in the choice, those of the plan first."""
+    bench, k = search.bench, 0
+    checks: list[Check] = []
+    there: set[Variation] = set()
+    while len(checks) < count and k < 10 * count:
         v = effective(search.scene, inside(k))
         k += 1
         if v in there or v in bench.seen:
             continue
-        search.say(f'more unseen maneuvers: {len(checks)} of {least}')
+        there.add(v)
+        search.say(f'unseen maneuvers: {len(checks)} of {count}')
         found = check(bench, v, setting)
         if not found.unjudged:
             checks.append(found)
