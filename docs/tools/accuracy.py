@@ -175,44 +175,51 @@ HEAD = """# Accuracy: how much of a car a question needs
 
 ## What to do
 
-1. **Is this run good enough?** `mbd run SCENE` tells its numerical error by quantity ([stability.md](stability.md#error-bar)). It says nothing of
-   the model: `fidelity: full` is the vehicle as it is given, and how near that is to a car on a road is another question ([vehicle.md](vehicle.md)).
+1. **Is this run good enough?** `mbd run SCENE` tells its numerical error by quantity
+   ([stability.md](stability.md#error-bar)). It says nothing of the model: `fidelity: full` is the vehicle as it is
+   given, and how near that is to a car on a road is another question ([vehicle.md](vehicle.md)).
 2. **Many runs, or a loop that has to keep pace?** Say what is needed and let it be found:
 
        mbd plan car_step_steer --set 'require={yaw_rate: {rms: 2 %}, position: {max: 0.1 m}}'
 
-   A first answer stands there after seconds. It says what it rests on: the rule of thumb below, earlier plans of this vehicle, or coarse runs. It is not
-   checked. The plan then measures, at the price of ten full runs at most, and says in the end: the setting, its errors by origin, on how many
-   maneuvers that had no part in the choice it was checked, what `mbd run` of it shows, and **from how many runs on the plan pays**.
-   For fewer runs take the full vehicle, or the first answer with the error that `mbd run` tells of it.
-3. **No time?** `mbd plan ... --time 10`, or Ctrl-C: what is known by then is told, marked as what it is. The same command goes on from there. A
-   longer `--time` buys more checks: "12 of 12 other maneuvers passed, the worst at 85 % of the limit" leaves, statistically, up to 22 % that could
-   fail; 24 leave 12 %, 59 leave 5 %.
-4. **Another scene of the same vehicle?** Plan that one too: a certificate holds for its maneuver and the ranges that it names. It goes faster, for prices
-   of steps, derived levels and errors are kept by vehicle.
+   A first answer stands there after seconds. It says what it rests on: the rule of thumb below, earlier plans of this
+   vehicle, or coarse runs. It is not checked. The plan then measures, at the price of ten full runs at most, and says
+   in the end: the setting, its errors by origin, on how many maneuvers that had no part in the choice it was checked,
+   what `mbd run` of it shows, and **from how many runs on the plan pays**. For fewer runs take the full vehicle, or
+   the first answer with the error that `mbd run` tells of it.
+3. **No time?** `mbd plan ... --time 10`, or Ctrl-C: what is known by then is told, marked as what it is. The same
+   command goes on from there. A longer `--time` buys more checks: "12 of 12 other maneuvers passed, the worst at 85 %
+   of the limit" leaves, statistically, up to 22 % that could fail; 24 leave 12 %, 59 leave 5 %.
+4. **Another scene of the same vehicle?** Plan that one too: a certificate holds for its maneuver and the ranges that
+   it names. It goes faster, for prices of steps, derived levels and errors are kept by vehicle.
 5. **No plan at all?** The rule of thumb, and `mbd run` for the numerical error.
 
-What a limit means and how it is written: [scene.md](scene.md#accuracy). How plans are made and what they cost: decisions
-[0016](decisions/0016-plans.md) and [0025](decisions/0025-price-of-a-plan.md); eighteen of them: [studies.md](studies.md#plan-what-mbd-plan-chooses-held-against-what-it-has-not-seen).
+What a limit means and how it is written: [scene.md](scene.md#accuracy). How plans are made and what they cost:
+decisions [0016](decisions/0016-plans.md) and [0025](decisions/0025-price-of-a-plan.md); eighteen of them:
+[studies.md](studies.md#plan-what-mbd-plan-chooses-held-against-what-it-has-not-seen).
 
 ## What the maps show
 
-Speed is bought with accuracy: by the level of detail, by subsystems that are switched off, by the step, the iterations and the damping
-of the integration. The maps show the price, measured on delivered scenes by `mbd study trade SCENE`; all of them are written by
-`python docs/tools/accuracy.py out/trade`, no number by hand.
+Speed is bought with accuracy: by the level of detail, by subsystems that are switched off, by the step, the
+iterations and the damping of the integration. The maps show the price, measured on delivered scenes by `mbd study
+trade SCENE`; all of them are written by `python docs/tools/accuracy.py out/trade`, no number by hand.
 
-Every error is one against the converged full vehicle: Richardson's limit of three steps, confirmed by a second formulation of the same
-equations. Percentages are root mean squares in % of the peak of the quantity. The full vehicle is exact here by definition.
+Every error is one against the converged full vehicle: Richardson's limit of three steps, confirmed by a second
+formulation of the same equations. Percentages are root mean squares in % of the peak of the quantity. The full
+vehicle is exact here by definition.
 
-In the words of [ISOClasses2022] a level is a *model type*, what it leaves out are its *model characteristics*, and the tables below are
-what the standard leaves to the user: the allocation of model types to manoeuvres by requirements, here measured instead of agreed."""
+In the words of [ISOClasses2022] a level is a *model type*, what it leaves out are its *model characteristics*, and
+the tables below are what the standard leaves to the user: the allocation of model types to manoeuvres by
+requirements, here measured instead of agreed."""
 THUMB = """The cheapest settings that keep each wish on the scenes of this page. What is wished of a root mean square holds for the sum of
 the errors of model, step and iteration, so that nothing rests on errors which happen to cancel:"""
 CHEAPEST = 'Each with its cost, as a share of that of the full vehicle at 1 ms with the iterations of the scene.'
-PLAN = """The rules above hold for the scenes and the car they were measured on; `mbd plan` begins with them and says whether they were right.
+PLAN = """The rules above hold for the scenes and the car they were measured on; `mbd plan` begins with them and says whether
+they were right.
 
-A run of a setting that a plan has certified is not `suspect` for what the plan has measured: a wheel that turns by a radian in a step, a vibration of
-few steps. It is held to all that the scene requires besides, as that constraints stay closed to 1e-5 m."""
+A run of a setting that a plan has certified is not `suspect` for what the plan has measured: a wheel that turns by a
+radian in a step, a vibration of few steps. It is held to all that the scene requires besides, as that constraints
+stay closed to 1e-5 m."""
 
 if __name__ == '__main__':
     PAGE.write_text(write(Path(sys.argv[1] if len(sys.argv) > 1 else 'out/trade')), encoding='utf-8')

@@ -126,7 +126,8 @@ def agreed(a: Setting, b: Setting) -> bool:
 
 
 def price(search: Search, setting: Setting | None) -> dict[str, Any]:
-    """Price of the plan: what it took, in CPU seconds and full runs, what its runs were made for, and from how many runs on it pays (None: never).
+    """Price of the plan: what it took, in CPU seconds and full runs, what its runs were made for, and from how many runs on it
+    pays (None: never).
     `once`: CPU seconds besides, for levels that are derived once for the vehicle."""
     cpu, full_run, saves = search.allowance.cpu, search.allowance.full_run, 0.0
     if not math.isfinite(full_run):

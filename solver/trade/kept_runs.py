@@ -72,8 +72,8 @@ class KeptRuns:
 
 
 def runs_of(scene: Scene) -> str:
-    """Digest of all that runs of a scene, and the findings on them, depend on besides maneuver and setting: everything that a plan depends on but
-    the errors that are allowed."""
+    """Digest of all that runs of a scene, and the findings on them, depend on besides maneuver and setting: everything that
+    a plan depends on but the errors that are allowed."""
     return key(dataclasses.replace(scene, require=dataclasses.replace(scene.require, accuracy={}), budget=Budget()))
 
 

@@ -25,8 +25,8 @@ class Spent(NamedTuple):
 
 @dataclass
 class Ledger:
-    """Account of what was spent for each purpose. purpose: the present one; threads that work at the same time work for the same one. once: CPU time
-    [s] of that for what is kept for all plans of the vehicle."""
+    """Account of what was spent for each purpose. purpose: the present one; threads that work at the same time work for the
+    same one. once: CPU time [s] of that for what is kept for all plans of the vehicle."""
 
     purpose: str = FIRST
     spent: dict[str, Spent] = field(default_factory=dict)
