@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from solver.checks.check import Check, Evidence, Measured
 from solver.output.energy import WRITTEN, contradicts, exchanged, left_open
 from solver.step.failure import MORE_DIGITS
+from solver.vehicle.size import scale_of
 
 SHARE = 0.01  # of the exchanged energy
 TRUNCATION = 1.0 / 12.0  # of (turn in a step)^2
@@ -45,7 +46,8 @@ def energy_error_max(e: Evidence) -> Iterator[Measured]:
     """
     moved = exchanged(e.account)
     if math.isfinite(moved):  # of what is not, not_finite() tells
-        limit = SHARE * moved + TRUNCATION * float(e.account.turning[0]) + left_open(e.account, e.model.tables.bodies)
+        numbers = left_open(e.account, e.model.tables.bodies, scale_of(e.model.spec)[0])
+        limit = SHARE * moved + TRUNCATION * float(e.account.turning[0]) + numbers
         reason = f'the energy account misses some of the {moved:.3g} J that were exchanged'
         yield Measured(value=float(e.account.worst[0]), limit=limit, time=float(e.account.worst_at[0]), reason=reason)
 
@@ -77,7 +79,7 @@ def contradiction(e: Evidence) -> Iterator[Measured]:
     """
     if e.state is not None and e.model.n_rows:
         value, time, row = e.account.contradiction.tolist()
-        _, limit = contradicts(e.account, e.model.tables.bodies)
+        _, limit = contradicts(e.account, e.model.tables.bodies, scale_of(e.model.spec)[0])
         yield Measured(value=value, limit=limit, time=time, where=e.row(int(row)))
 
 

@@ -9,10 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from solver.checks.check import Check, Evidence, Measured
+from solver.model.evaluate import turning_rows
+from solver.model.scale import slow_speed
 from solver.output.energy import SETTLED_INCREMENT
 from solver.step.iteration import LARGEST_STAGNATION
-from solver.vehicle.size import size_of
+from solver.vehicle.size import scale_of
 
 DIVIDE = 'let integrator.step_policy divide such steps'
 UNSETTLED_SHARE = 0.01  # of the steps: an impact may leave a step a digit less exact, the motion between may not
@@ -24,9 +28,29 @@ def _finer(e: Evidence) -> str:
     return f'reduce integrator.h, or {more}' if e.settings.mode == 'fixed' else f'reduce integrator.h, or {DIVIDE}'
 
 
-def _speed(e: Evidence) -> float:
-    """The largest velocity of the run, at least 1 [m/s or rad/s], of vehicles by their size."""
-    return max(size_of(e.model.spec).speed, float(e.account.speed[0]))
+def slow_of(e: Evidence) -> tuple[float, float]:
+    """(speed [m/s] below which motions of the model count as slow, its length [m]); where nothing weighs, that of the run."""
+    length, slow = scale_of(e.model.spec)
+    moving, spinning = e.account.speed.tolist()
+    return slow or slow_speed(length, 0.0, max(moving, length * spinning), 0.0, e.h), length
+
+
+def _speed(e: Evidence) -> tuple[float, float]:
+    """(largest velocity of the run [m/s], turns by the length of the model and at least its slow speed; that length [m])."""
+    slow, length = slow_of(e)
+    moving, spinning = e.account.speed.tolist()
+    return max(slow, moving, length * spinning), length
+
+
+def _drift(e: Evidence, noted: np.ndarray, per: float) -> Measured:
+    """Largest violation of a row that the account noted; the limit is LARGEST_STAGNATION of the velocity, times `per` [s or 1]."""
+    value, time, row = noted.tolist()
+    speed, length = _speed(e)
+    limit = LARGEST_STAGNATION * speed * per
+    if value > min(limit, limit / length) and e.state is not None and turning_rows(e.model)[int(row)]:
+        limit /= length
+    where = e.row(int(row)) if value > 0.0 and e.model.row_names else ''
+    return Measured(value=value, limit=limit, time=time, where=where)
 
 
 def residual_max(e: Evidence) -> Iterator[Measured]:
@@ -40,7 +64,8 @@ def residual_max(e: Evidence) -> Iterator[Measured]:
 RESIDUAL_MAX = Check(
     name='residual_max',
     limit=LARGEST_STAGNATION,
-    rule='last increment of an iteration, relative to the largest velocity (at least 1)',
+    rule='last increment of an iteration, relative to the largest velocity: angular ones by the length of the model, and at least its '
+    'slow speed (1 m/s of a passenger car)',
     measure=residual_max,
     reason='the iteration of a step did not settle, least in {where}',
     remedy='Reduce integrator.h, or take more integrator.iterations',
@@ -71,16 +96,13 @@ UNSETTLED = Check(
 
 def position_drift_max(e: Evidence) -> Iterator[Measured]:
     """Largest violation of a constraint [m or rad]."""
-    limit = LARGEST_STAGNATION * _speed(e) * e.h
-    value, time, row = e.account.position.tolist()
-    where = e.row(int(row)) if value > 0.0 and e.model.row_names else ''
-    yield Measured(value=value, limit=limit, time=time, where=where)
+    yield _drift(e, e.account.position, e.h)
 
 
 POSITION_DRIFT_MAX = Check(
     name='position_drift_max',
     unit='m or rad',
-    rule=f'{LARGEST_STAGNATION:g} of the largest velocity (at least 1), times the step',
+    rule=f'{LARGEST_STAGNATION:g} of the largest velocity, at least the slow speed of the model,, times the step',
     measure=position_drift_max,
     reason='{where} is open',
     remedy='Reduce integrator.h, raise integrator.penalty, or check whether joints contradict each other',
@@ -90,15 +112,13 @@ POSITION_DRIFT_MAX = Check(
 
 def velocity_drift_max(e: Evidence) -> Iterator[Measured]:
     """Largest violation of a constraint by a velocity [m/s or rad/s]."""
-    value, time, row = e.account.velocity.tolist()
-    where = e.row(int(row)) if value > 0.0 and e.model.row_names else ''
-    yield Measured(value=value, limit=LARGEST_STAGNATION * _speed(e), time=time, where=where)
+    yield _drift(e, e.account.velocity, 1.0)
 
 
 VELOCITY_DRIFT_MAX = Check(
     name='velocity_drift_max',
     unit='m/s or rad/s',
-    rule=f'{LARGEST_STAGNATION:g} of the largest velocity (at least 1)',
+    rule=f'{LARGEST_STAGNATION:g} of the largest velocity, at least the slow speed of the model,',
     measure=velocity_drift_max,
     reason='a velocity violates {where}',
     remedy='Reduce integrator.h or raise integrator.penalty',

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from solver.checks.account import CONTRADICTION, ENERGY_ERROR_MAX, NOT_FINITE, UNSEEN
+from solver.checks.chatter import CHATTER
 from solver.checks.check import Check
 from solver.checks.error import NUMERICAL_ERROR
 from solver.checks.inputs import INPUT, RECORDED_INPUTS
@@ -38,6 +39,7 @@ CHECKS: tuple[Check, ...] = (
     CONTRADICTION,
     RESOLUTION,
     PHASE,
+    CHATTER,
     RECORDED_INPUTS,
     INPUT,
     STEERING_END,

@@ -8,7 +8,7 @@ and 1e8 1e-3 m.
 1e-4 mean / m of rounding to its own acceleration. Beside 1 kg a pendulum of 1e-8 kg is right, one of 1e-10 kg was off
 by 0.03 m and nothing else told it.
 *Distance.* A place at the distance D is rounded by eps D in every step, and a velocity of the step by eps D / h: over n
-steps these walk to sqrt(n) times as much, of which 3e-5 of half that widest range (at least 1 m/s) is left to be.
+steps these walk to sqrt(n) times as much, of which 3e-5 of half that widest range (at least the slow speed of the model) is left to be.
 Regular motions hardly feel it; at a singular position it chooses how a mechanism passes: of twelve slider-cranks with
 4e-5 the worst was off by 1.7e-4 m after a second.
 """
@@ -21,9 +21,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from solver.checks.check import Check, Evidence, Measured
+from solver.checks.iteration import slow_of
 from solver.model.saddle import CONDENSED
 from solver.step.failure import ROUNDING_PENALTY
-from solver.vehicle.size import size_of
 
 # Last increment of an iteration, relative to the velocity; three iterations bring it below 1e-6 where nothing spoils them.
 SPOILT = 1e-4
@@ -97,14 +97,16 @@ def distance(e: Evidence) -> Iterator[Measured]:
     far = np.abs(e.state.q[:-1, :3]).max(axis=1)
     body = int(np.argmax(far))
     kick = np.finfo(float).eps * float(far[body]) / e.h
-    value = kick * max(float(e.account.steps[0]), 1.0) ** 0.5 / max(size_of(e.model.spec).speed, float(e.account.swing[0]))
+    speed, _ = slow_of(e)
+    value = kick * max(float(e.account.steps[0]), 1.0) ** 0.5 / max(speed, float(e.account.swing[0]))
     yield Measured(value=value, where=e.body(body))
 
 
 DISTANCE = Check(
     name='distance',
     limit=LARGEST_ROUNDING,
-    rule='what rounding of places far from the origin makes of half the widest range of a velocity (at least 1 m/s), in all steps together',
+    rule='what rounding of places far from the origin makes of half the widest range of a velocity (at least the slow speed of the '
+    'model), in all steps together',
     measure=distance,
     reason='{where} is so far from the origin that rounding of its place shows in its velocity',
     remedy='Move the model nearer to the origin, or take a larger integrator.h',

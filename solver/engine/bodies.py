@@ -15,6 +15,7 @@ from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
 from solver.model.saddle import new_saddle
+from solver.model.scale import slow_speed
 from solver.model.state import State, copy_state, fill_kinematics, fitting, kinematics_of, new_state
 from solver.model.tables import Model
 from solver.output.account import Account
@@ -35,6 +36,7 @@ from solver.step.failure import sentence
 from solver.step.scheme import scheme_of
 from solver.step.settings import IntegratorSettings
 from solver.step.work import NOT_CONVERGED, LastStep, Scheme, StepResult, new_work
+from solver.vehicle.size import scale_of
 
 
 class Bodies:
@@ -97,6 +99,7 @@ class Bodies:
         found = conditions.find()
         copy_state(conditions.consistent, self._consistent)
         copy_state(self.state, self._initial)
+        self._know_slow()
         return found
 
     def start_like(self, other: Bodies, u: np.ndarray) -> None:
@@ -106,6 +109,15 @@ class Bodies:
         copy_state(other._consistent, self.state)
         ConsistentState(self.model).start_integrator(self.state, u, values.h, values.am, values.af)
         copy_state(self.state, self._initial)
+        self._know_slow()
+
+    def _know_slow(self) -> None:
+        """Set the speed below which motions count as slow from the start, where nothing weighs (solver.model.scale)."""
+        length, slow = scale_of(self.model.spec)
+        if not slow > 0.0:
+            largest = lambda x: max(np.abs(x[:-1, :3]).max(initial=0.0), length * np.abs(x[:-1, 3:]).max(initial=0.0))  # noqa: E731
+            slow = slow_speed(length, 0.0, float(largest(self.state.v)), float(largest(self.state.a_stage)), self.h)
+        self.work.slow[0] = slow
 
     def reset(self) -> None:
         """Back to the state that start() found."""

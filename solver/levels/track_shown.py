@@ -52,7 +52,8 @@ def keep_account(told, y, h, account):
     account.energy[0] = energy
     widen(account.kinetic, kinetic)
     widen(account.potential, potential)
-    account.speed[0] = max(account.speed[0], abs(y[VX]), abs(y[VY]), abs(y[SPIN]), abs(y[SPIN + 1]))
+    account.speed[0] = max(account.speed[0], abs(y[VX]), abs(y[VY]))
+    account.speed[1] = max(account.speed[1], abs(y[SPIN]), abs(y[SPIN + 1]))
     error = abs(energy - account.reference[0] + y[LOSS])
     if error > account.worst[0]:
         account.worst[0], account.worst_at[0] = error, account.time[0]

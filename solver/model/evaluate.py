@@ -14,7 +14,7 @@ from solver.linear.blocks import add_scaled_rows
 from solver.linear.elimination import factorize, solve
 from solver.model.compile import compile_model
 from solver.model.spec import ModelSpec
-from solver.model.state import new_kinematics
+from solver.model.state import kinematics_of, new_kinematics, placed_configuration
 from solver.model.tables import (
     ADDRESS,
     CONSTRAINT_ON_COORDINATES,
@@ -159,3 +159,19 @@ def constraint_rates(constraints, J, v, rate):
             for r in range(rows):
                 along = dot((J[e, r, 0], J[e, r, 1], J[e, r, 2]), linear)
                 rate[first + r] += along + dot((J[e, r, 3], J[e, r, 4], J[e, r, 5]), turn)
+
+
+def turning_rows(model: Model) -> np.ndarray:
+    """(nc,) True where the residual of a row of constraints is in rad: its gradients, where bodies are placed, move no point."""
+    nb, con = model.n_bodies, model.tables.constraints
+    kin = kinematics_of(placed_configuration(model.spec.bodies), np.zeros((nb + 1, 6)))
+    phi, J = np.zeros(model.n_rows), np.zeros((model.n_entries + 1, 6, 6))
+    angle, u = np.zeros(len(model.coordinate_names)), np.zeros(len(model.spec.inputs))
+    evaluate_constraints(model.tables, kin, angle, u, True, phi, J)
+    moves, turns = np.zeros(model.n_rows, bool), np.zeros(model.n_rows, bool)
+    for g, first in enumerate(con.row[:-1]):
+        rows = int(con.row[g + 1] - first)
+        for block in J[con.entry[g] : con.entry[g + 1], :rows]:
+            moves[first : first + rows] |= (block[:, :3] != 0.0).any(axis=1)
+            turns[first : first + rows] |= (block[:, 3:] != 0.0).any(axis=1)
+    return turns & ~moves

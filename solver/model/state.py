@@ -16,7 +16,7 @@ from solver.compiled.kernel import kernel
 from solver.compiled.memory import zeros
 from solver.compiled.portable import product
 from solver.compiled.so3 import matrix_of_quaternion
-from solver.elements.coordinate import coordinate_value
+from solver.elements.coordinate import ROTATION, coordinate_rate, coordinate_value, evaluate_coordinate
 from solver.elements.point_pair import Kinematics
 from solver.elements.rigid_body import RigidBodySpec
 from solver.errors import SpecError
@@ -24,7 +24,7 @@ from solver.errors import SpecError
 MOST = 1 << 26  # bytes of a saved state
 # Format of saved states, the array `format` in them. It grows by one when an array comes, goes or means something else. A state
 # without it is of mbd_sim_ros 0.1 (format 1).
-FORMAT = 2
+FORMAT = 3
 
 
 class State(NamedTuple):
@@ -112,6 +112,16 @@ def update_angles(coordinates, kin, angle):
     """Advance the unwrapped values of all joint coordinates to the configuration of kin."""
     for k in range(coordinates.kind.shape[0]):
         angle[k] = coordinate_value(coordinates, kin, k, angle)
+
+
+@kernel(borrow=True)
+def turn_angles(coordinates, kin, h, angle):
+    """Advance the unwrapped values of rotations by what their rates turn them in h [s]: from half a turn on the value that is
+    nearest to the one before is one of another turn."""
+    for k in range(coordinates.kind.shape[0]):
+        if coordinates.kind[k] == ROTATION:
+            _, g_i, g_j = evaluate_coordinate(coordinates, kin, k, angle)
+            angle[k] += h * coordinate_rate(coordinates, kin, k, g_i, g_j)
 
 
 def require_format(saved: Mapping[str, np.ndarray], what: str) -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from solver.compiled.kernel import kernel
 from solver.output.energy import WRITTEN, exchanged_so_far, note
 
-CLOSED = 1e-11  # m or rad
+CLOSED = 1e-11  # lengths of the model, or rad; with ten times as much axes that are out by 1e-10 would not be told
 BALANCED = 0.03  # of forces: what those that balance each other may leave
 
 
 @kernel(borrow=True)
-def note_contradiction(constraints, J, lam, phi, net, gross, account):
+def note_contradiction(constraints, J, lam, phi, length, net, gross, account):
     """Note the largest energy [J] of multipliers lam (nc,) that balance each other, in the rows that they cannot close, phi (nc,) open, at
     the Jacobian blocks J, with the row that has most of it. net, gross (nb + 1, 6) are scratch.
 
@@ -18,7 +18,7 @@ def note_contradiction(constraints, J, lam, phi, net, gross, account):
     """
     energy, most, row = 0.0, 0.0, 0
     for i in range(lam.shape[0]):
-        if constraints.holonomic[i] == 1 and abs(phi[i]) > CLOSED:
+        if constraints.holonomic[i] == 1 and abs(phi[i]) > CLOSED * length:
             own = abs(lam[i] * phi[i])
             energy += own
             if own > most:

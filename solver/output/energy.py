@@ -11,18 +11,21 @@ import numpy as np
 
 from solver.compiled.kernel import kernel
 from solver.compiled.portable import norm
-from solver.compiled.vec import dot, load3, load33, mv
+from solver.compiled.vec import cross, dot, load3, load33, mv, scale, sub
 from solver.model.tables import COUNT, OUTPUT, PEAK, ROTATION, WIDTH
 from solver.output.account import Account, noted
 
-# Relative error of numbers in files, which have finitely many digits; also the error of a length [m]. Ten times as much
+# Relative error of numbers in files, which have finitely many digits; also to the length of the model. Ten times as much
 # would hide contradictions of joints that matter.
 WRITTEN = 1e-6
 # Rounding error of the stored energy, relative to it: what remains of the balance of prestressed parts at rest without
 # weight.
 ROUNDING = 1e-12
-SLOWEST = 1e-6  # velocity [m/s or rad/s] below which a motion counts as none, in quotients
+NOISE = 1e-9  # lengths of the model in a step: slower motions are rounding; ten times as much would hide creep of 1e-5 m/s
 SPINS = 0.005  # half the turn in a step [rad] from which on a body counts as spinning
+# Part of what is known of the period of a vibration that is kept from step to step: ten steps; ten times as many would mix
+# motions.
+REMEMBERED = 0.9
 # Last increment of an iteration, relative to the velocity, up to which it counts as settled: one digit better than the
 # increment that is accepted where an iteration does not converge.
 SETTLED_INCREMENT = 1e-3
@@ -40,17 +43,18 @@ def exchanged(account: Account) -> float:
     return float(exchanged_so_far.py_func(account))
 
 
-def left_open(account: Account, bodies) -> float:
-    """Error of the energy [J] of bodies (solver.model.tables) by the finitely many digits of the numbers in files."""
-    weight = float(np.add.reduce(bodies.mass)) * norm(bodies.gravity)
+def left_open(account: Account, bodies, length: float) -> float:
+    """Error of the energy [J] of bodies (solver.model.tables) by the finitely many digits of the numbers in files,
+    in a model of that length [m]."""
+    weight = length * float(np.add.reduce(bodies.mass)) * norm(bodies.gravity)
     stored = max(abs(float(account.potential[0])), abs(float(account.potential[1])))
     return WRITTEN * (weight + float(account.kinetic[1])) + ROUNDING * stored
 
 
-def contradicts(account: Account, bodies) -> tuple[bool, float]:
+def contradicts(account: Account, bodies, length: float) -> tuple[bool, float]:
     """(whether rows of constraints contradict each other, energy of contradicting rows [J] that is still no
-    contradiction)."""
-    limit = WRITTEN * exchanged(account) + left_open(account, bodies)
+    contradiction), in a model of that length [m]."""
+    limit = WRITTEN * exchanged(account) + left_open(account, bodies, length)
     return noted(account.contradiction)[0] > limit, limit
 
 
@@ -72,32 +76,26 @@ def mechanical_energy(tables, kin, outputs, h, account):
     """(energy [J], its kinetic part [J], dissipated power [W], sum of the magnitudes of the powers of all elements
     [W]).
 
-    The energy is kinetic + gravity (zero at z = 0) + stored in elements. Also notes the largest velocity, the body with
-    the largest turn in the step h [s], the element with the largest rotation vector, and the peaks of elements.
+    The energy is kinetic + gravity (zero at z = 0) + stored in elements. Also notes the largest speeds, the kinetic
+    energy of bodies that turn in the step h [s], the element with the largest rotation vector, and the peaks of elements.
     """
     bodies = tables.bodies
     energy = 0.0
     kinetic = 0.0
     turning = 0.0
-    fastest = 0.0
-    most = 0.0
-    most_turned = 0
+    moving, spinning = 0.0, 0.0
     for b in range(bodies.mass.shape[0]):
         v, p, m, g = load3(kin.v, b), load3(kin.p, b), bodies.mass[b], bodies.gravity
         w = (kin.v[b, 3], kin.v[b, 4], kin.v[b, 5])
-        fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]), abs(w[0]), abs(w[1]), abs(w[2]))
+        moving = max(moving, abs(v[0]), abs(v[1]), abs(v[2]))
+        spinning = max(spinning, abs(w[0]), abs(w[1]), abs(w[2]))
         own = m * dot(v, v) + dot(w, mv(load33(bodies.inertia, b), w))
         energy += 0.5 * own - m * (g[0] * p[0] + g[1] * p[1] + g[2] * p[2])
         kinetic += 0.5 * own
-        turn = h * h * dot(w, w)
-        turning += 0.5 * own * turn
-        if turn > most:
-            most = turn
-            most_turned = b
+        turning += 0.5 * own * (h * h * dot(w, w))
     account.turning[0] = max(account.turning[0], turning)
-    account.speed[0] = max(account.speed[0], fastest)
-    if most > account.turn[0] * account.turn[0]:
-        note(account.turn, most**0.5, account.time[0], most_turned)
+    account.speed[0] = max(account.speed[0], moving)
+    account.speed[1] = max(account.speed[1], spinning)
     dissipation = 0.0
     magnitude = 0.0
     wound = account.wound[0] * account.wound[0]
@@ -161,10 +159,11 @@ def update_energy(tables, kin, outputs, lam, phi_t, h, account):
     _note_ranges(tables.bodies, kin.v, account)
     energy, kinetic, loss, magnitude = mechanical_energy(tables, kin, outputs, h, account)
     dissipated = 0.5 * h * (magnitude + loss)  # without what is supplied, whose share of both cancels
-    if dissipated > 0.0:
-        forgotten = 0.5 * dissipated / max(account.swayed[0], SLOWEST)  # amplitudes go with the root of the energy
+    if dissipated > 0.0 and account.swayed[0] > 0.0:
+        forgotten = 0.5 * dissipated / account.swayed[0]  # amplitudes go with the root of the energy
         account.phase[0] /= 1.0 + forgotten
         account.phase[1] /= 1.0 + forgotten
+        account.astray[0] /= 1.0 + forgotten
     for i in range(lam.shape[0]):
         loss += lam[i] * phi_t[i]
         magnitude += abs(lam[i] * phi_t[i])
@@ -215,77 +214,163 @@ def refine_work(account, h, before, middle, worst, at):
 
 
 @kernel(inline=True)
-def _note_change(account, k, change, body, slowest):
-    """Note the change of an acceleration in a step, times the step [m/s or rad/s]; k: 0 for translation, 1 for
-    rotation."""
-    if change > account.kick[k, 0]:
-        note(account.kick[k], change, account.time[0], body)
-    part = change / max(account.swing[k], slowest)  # (w h)^2 of the vibration that carries the motion, or less
-    account.phase[k] += part * part**0.5 / 12.0
+def _carried(square):
+    """tan(x) / x by a fraction, of the square of half the turn x of a body in a step: so much of the mean of a vector before
+    and after, across the spin, is the change that carries it along with the body."""
+    return (105.0 - 10.0 * square) / (105.0 - 45.0 * square + square * square)
 
 
 @kernel(inline=True)
-def _note_gyration(J, a, w, step, h, account):
-    """Note the phase error by the gyroscopic torque of a spinning body, whose angular acceleration a turns in its own
-    axes.
+def _free_share(left, held):
+    """Share of a change, a square, in directions that constraints leave free: of its local error they take `held` off and leave `left`."""
+    return left / (left + held) if held > 0.0 else 1.0
 
-    The midpoint rule makes the torque in Euler's equations too large by J a (c / a)^2 / 12, with c the part of `step`,
-    the change of a in the step, across a. Relative to the angular momentum that is little for a disc, and may be much
-    for a thin rod. The error turns the angular momentum of the body; it turns the motion of the whole model by at most
-    its share of the kinetic energy.
+
+@kernel(inline=True)
+def phase_lost(y, parts):
+    """Phase [rad] that an oscillation loses in a step, y [rad] being the change of its phase over one of its `parts` (module)."""
+    if parts == 1:
+        return y * y * y / 12.0
+    y *= 2.0
+    growth = y * (320.0 / 1152.0)
+    return y * y * y * y * y / 320.0 * (1.0 + growth * growth) ** 0.5
+
+
+@kernel(inline=True)
+def _note_change(account, k, change, free, bend, body, spacing, parts, slowest):
+    """Note the largest change of an acceleration between two stages, `spacing` [s] apart: of translation (k = 0) or rotation (1).
+
+    change: its square, of one body; free: the same, of what constraints leave free, of a body whose change of that has the square bend.
     """
-    square, torque = dot(a, a), mv(J, a)
-    b = dot(torque, torque) ** 0.5
-    if b > 0.0 and square > 0.0:  # of a point mass there is none
-        along, momentum = dot(a, step), mv(J, w)
-        change = max(dot(step, step) - along * along / square, 0.0)
-        own = b * change / square / max(dot(momentum, momentum) ** 0.5, SLOWEST * b)
-        of_all = h * b * change**0.5 / max(2.0 * account.swayed[0], SLOWEST)
-        account.phase[1] += h * min(own, of_all) / 12.0
+    kick = parts * spacing * change**0.5
+    if kick > account.kick[k, 0]:
+        note(account.kick[k], kick, account.time[0], body)
+    account.bend[k, 0] = REMEMBERED * account.bend[k, 0] + bend
+    account.bend[k, 1] = REMEMBERED * account.bend[k, 1] + free
+    width = max(account.swing[k], slowest)
+    if free > 0.0 and width > 0.0:
+        part = spacing * free**0.5 / width  # y^2 times the share r of the vibration in the motion, y = w spacing
+        square = max(part, account.bend[k, 0] / account.bend[k, 1])
+        share = part / square
+        account.phase[k] += phase_lost(square**0.5, parts) * share * share
+
+
+@kernel(inline=True)
+def _note_gyration(J, R, a, w, across, share, body, spacing, parts, account):
+    """Note by how much a step turns the axis of a body too far whose angular acceleration a turns in its own axes, as it does with a spin.
+
+    across: square of the change of a, across a; share: of it that constraints leave free. Of a top with the moments of inertia A,
+    and C about its spin, that turns by x in a step and precesses, the step misses (1/2 + A / C) x^2 / 12 of the precession
+    (solver.checks.resolution). An axis is never further off than its path is wide: one that has missed so much misses no more.
+    """
+    square, momentum, torque = dot(a, a), mv(J, w), mv(J, a)
+    h = parts * spacing
+    sideways = cross(w, a)
+    turn = max(parts * parts * across, h * h * dot(sideways, sideways)) / square if square > 0.0 else 0.0  # x^2
+    size, b = dot(momentum, momentum) ** 0.5, dot(torque, torque) ** 0.5
+    if not (turn > 0.0 and size > 0.0):
+        return
+    spin = dot(w, w)
+    known, axis = account.axis[body], scale(spin**-0.5, mv(R, w))
+    if known[0] == 0.0 and known[1] == 0.0 and known[2] == 0.0:
+        known[0], known[1], known[2] = axis
+    away = sub(axis, (known[0], known[1], known[2]))
+    known[3] = max(known[3], dot(away, away) ** 0.5)
+    if not account.astray[0] < known[3]:
+        return
+    own = (b / size + 0.5 * dot(sideways, sideways) ** 0.5 / spin) * h  # turn of the axis in a step
+    missed = own * share * turn / 12.0
+    if account.swayed[0] > 0.0:
+        missed = min(missed, h * h * b * (turn * square) ** 0.5 / (24.0 * account.swayed[0]))
+    if parts == 2:
+        missed *= 0.25 * turn / 12.0
+    account.astray[0] += missed
+    if missed > account.astray[1]:
+        account.astray[1] = missed
+        note(account.turn, h * spin**0.5, account.time[0], body)
 
 
 @kernel(borrow=True)
-def note_residuals(constraints, inertia, v, h, residual, position, velocity, phi, rate, a, a_before, slowest, account):
-    """Note the largest residual of the iteration, |phi|, |A v + phi_t| and changes of accelerations, with time and
-    place.
+def note_residuals(
+    constraints, inertia, h, parts, coefficient, own, kin, residual, position, velocity, phi, rate, s1, before, slowest, account
+):  # fmt: skip
+    """Note what is largest so far: the residual of the iteration, |phi|, |A v + phi_t|, changes of accelerations, with time and place.
 
-    h: the step [s]. v (nb + 1, 6), phi and rate (nc,): twists and residuals after the step. a, a_before (nb + 1, 6):
-    accelerations after and before it. The place of a residual is the body whose acceleration changed most. slowest:
-    velocity [m/s or rad/s] below which a motion does not count.
+    h [s] is the step, of so many parts (2 with order four: a_stage are those of its halves); kin, phi and rate (nc,) are those after
+    it, `own` (nb + 1, 6) the twists of the scheme, which violate the constraints. s1: the state after the step; before (nb + 1, 6):
+    the stage before its last two. coefficient: of da/dt in the local error of a part. The place of a residual is the body whose
+    acceleration changed most. slowest [m/s], [rad/s]: below it motions do not count.
 
-    The change of an angular acceleration is the smaller one of its changes in the axes of the body and of the world. In
-    the axes of the body, the yaw of a wheel turns with its spin, which is no vibration. In the axes of the world, a
-    free disc nutates faster than the equations that a step solves. The error that such a spin makes is noted by
-    _note_gyration().
+    An angular acceleration changes by what it does in the axes of the body or of the world, whichever is less: in the former the yaw of a
+    wheel turns with its spin, which is no vibration; in the latter a free disc nutates faster than the equations that a step solves.
+
+    Phase is lost along free directions only: v - own is what constraints took off the local error of a step (solver.start.newton).
     """
     account.steps[0] += 1.0
-    moved, turned, body_moved, body_turned = 0.0, 0.0, 0, 0
-    for b in range(a.shape[0] - 1):
-        now, before, twist = a[b], a_before[b], v[b]
-        x, y, z = now[0] - before[0], now[1] - before[1], now[2] - before[2]
+    v, R = kin.v, kin.R
+    a_now, a_before, offset = s1.a_stage, s1.a_stage_before, account.offset
+    spacing = h / parts
+    if account.steps[0] == 1.0:
+        for b in range(offset.shape[0]):
+            for i in range(6):
+                offset[b, i] = own[b, i] - v[b, i]
+    to_change = 12.0 / spacing
+    e = 12.0 * coefficient
+    moved, moved_free, bend_moved, body_moved = 0.0, 0.0, 0.0, 0
+    turned, turned_free, bend_turned, body_turned = 0.0, 0.0, 0.0, 0
+    for b in range(offset.shape[0]):
+        now, past, older, twist, held = a_now[b], a_before[b], before[b], v[b], offset[b]
+        x, y, z = now[0] - past[0], now[1] - past[1], now[2] - past[2]
         change = x * x + y * y + z * z
         if change > moved:
             moved, body_moved = change, b
-        dx, dy, dz = now[3] - before[3], now[4] - before[4], now[5] - before[5]
+        if change > moved_free:
+            p, q, r = to_change * held[0], to_change * held[1], to_change * held[2]
+            fx, fy, fz = e * x + p, e * y + q, e * z + r
+            change *= _free_share(fx * fx + fy * fy + fz * fz, p * p + q * q + r * r)
+            if change > moved_free:
+                moved_free = change
+                x, y, z = x - past[0] + older[0], y - past[1] + older[1], z - past[2] + older[2]
+                bend_moved = x * x + y * y + z * z
+        dx, dy, dz = now[3] - past[3], now[4] - past[4], now[5] - past[5]
         of_body = dx * dx + dy * dy + dz * dz
-        wx, wy, wz = 0.5 * h * twist[3], 0.5 * h * twist[4], 0.5 * h * twist[5]
-        x, y, z = now[3] + before[3], now[4] + before[4], now[5] + before[5]
-        dx, dy, dz = dx + wy * z - wz * y, dy + wz * x - wx * z, dz + wx * y - wy * x
-        if wx * wx + wy * wy + wz * wz > SPINS * SPINS:
-            a_now, w = (now[3], now[4], now[5]), (twist[3], twist[4], twist[5])
-            _note_gyration(load33(inertia, b), a_now, w, (now[3] - before[3], now[4] - before[4], now[5] - before[5]), h, account)
-        change = min(of_body, dx * dx + dy * dy + dz * dz)
+        wx, wy, wz = 0.5 * spacing * twist[3], 0.5 * spacing * twist[4], 0.5 * spacing * twist[5]
+        x, y, z = now[3] + past[3], now[4] + past[4], now[5] + past[5]
+        gx, gy, gz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x  # w x a over the step
+        square = wx * wx + wy * wy + wz * wz
+        spins = square > SPINS * SPINS
+        carried = _carried(square) if spins else 1.0
+        x, y, z = dx + carried * gx, dy + carried * gy, dz + carried * gz
+        change = min(of_body, x * x + y * y + z * z)
+        if spins or change > turned_free:
+            p, q, r = to_change * held[3], to_change * held[4], to_change * held[5]
+            fx, fy, fz = e * dx - gx + p, e * dy - gy + q, e * dz - gz + r
+            share = _free_share(fx * fx + fy * fy + fz * fz, p * p + q * q + r * r)
+            if spins:
+                a, w = (now[3], now[4], now[5]), (twist[3], twist[4], twist[5])
+                size, along = dot(a, a), dot(a, (dx, dy, dz))
+                across = max(of_body - along * along / size, 0.0) if size > 0.0 else 0.0
+                _note_gyration(load33(inertia, b), load33(R, b), a, w, across, share, b, spacing, parts, account)
+            if share * change > turned_free:
+                turned_free = share * change
+                ox, oy, oz = past[3] - older[3], past[4] - older[4], past[5] - older[5]
+                bx, by, bz = dx - ox, dy - oy, dz - oz
+                ox, oy, oz = ox + carried * gx, oy + carried * gy, oz + carried * gz  # in the axes of the world
+                ox, oy, oz = x - ox, y - oy, z - oz
+                bend_turned = min(bx * bx + by * by + bz * bz, ox * ox + oy * oy + oz * oz)
         if change > turned:
             turned, body_turned = change, b
-    _note_change(account, 0, h * moved**0.5, body_moved, slowest)
-    _note_change(account, 1, h * turned**0.5, body_turned, slowest)
+        for i in range(6):
+            held[i] = own[b, i] - twist[i]
+    _note_change(account, 0, moved, moved_free, bend_moved, body_moved, spacing, parts, slowest[0])
+    _note_change(account, 1, turned, turned_free, bend_turned, body_turned, spacing, parts, slowest[1])
     if residual > SETTLED_INCREMENT:
         account.unsettled[0] += 1.0
     if residual > account.residual[0]:
         most, at = -1.0, 0
-        for b in range(a.shape[0] - 1):
+        for b in range(offset.shape[0]):
             for i in range(6):
-                change = abs(a[b, i] - a_before[b, i])
+                change = abs(a_now[b, i] - a_before[b, i])
                 if change > most:
                     most, at = change, b
         note(account.residual, residual, account.time[0], at)

@@ -24,7 +24,7 @@ from solver.step.penalties import converge
 from solver.step.work import NOT_CONVERGED, OK, added, last_result
 
 REMAINDER = 0.1  # part of the tolerable error that the iteration may leave; ten times as much would use up all of it
-ROUNDING = 1e-16  # m or rad; over a step it is a velocity that the iteration cannot resolve
+ROUNDING = 1e-16  # lengths of the model; over a step it is a velocity that the iteration cannot resolve
 SMALLEST_TOLERANCE = 1e-13  # relative velocity increment: no iteration is asked for less, which would be rounding
 
 
@@ -77,7 +77,8 @@ def take(tables, c, control, source, before, target, after, h, u, t, outputs, au
     moved = h != size
     tolerance = control.tolerance
     if control.by_error == 1:
-        tolerance = min(tolerance, max(REMAINDER * control.error_tolerance * h, ROUNDING / h, SMALLEST_TOLERANCE))
+        rounding = ROUNDING * work.length / (h * work.slow[0])
+        tolerance = min(tolerance, max(REMAINDER * control.error_tolerance * h, rounding, SMALLEST_TOLERANCE))
     assign(c, 'h', h)
     assign(c, 'ahead', c.af * h / between if moved else c.af)
     assign(c, 'tolerance', tolerance)
@@ -99,7 +100,7 @@ def take(tables, c, control, source, before, target, after, h, u, t, outputs, au
         copy_table(kept.a, source.a)
         copy_vector(kept.zd, source.zd)
     if audit and result.status == OK:
-        keep_account(tables, h, follow, target, u, result.counters, work)
+        keep_account(tables, c, h, 1, follow, source, target, u, result.counters, work)
     return counters
 
 
@@ -165,7 +166,7 @@ def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, last, aud
             account = work.account
             before, worst, at = account.power[0], account.worst[0], account.worst_at[0]
             n = added(both, end_state.counters)
-            keep_account(tables, 2.0 * h, follow, new, u, n, work)
+            keep_account(tables, c, 2.0 * h, 2, follow, half, new, u, n, work)
             refine_work(account, 2.0 * h, before, power, worst, at)
     return Attempt(OK, 0, most, both.stagnated > 0, error / (2.0 * h), total)
 
@@ -187,11 +188,11 @@ def _carry_offset_on(begin, middle, end, h, new, work):
 def _difference(control, a, b, work):
     """Largest difference of positions [m], turns [rad], internal states, and velocities of the states a (kept.v_full) and b (work.v_out).
 
-    Velocities count relative to the largest now or, at this acceleration, an interval later, and at least 1 m/s or rad/s; internal states
-    relative to their size.
+    Places count relative to the length of the model, velocities to the largest now or, at this acceleration, an interval later, and at
+    least to the slow one of the model; internal states to their size.
     """
-    v_a, v_b = control.kept.v_full, work.v_out
-    speed, fastest, place, turn = 1.0, 0.0, 0.0, 0.0
+    v_a, v_b, length = control.kept.v_full, work.v_out, work.length
+    speed, fastest, place, turn = work.slow[0], 0.0, 0.0, 0.0
     for k in range(v_b.shape[0]):
         same, opposite = 0.0, 0.0
         for i in range(3):
@@ -201,9 +202,10 @@ def _difference(control, a, b, work):
             opposite = max(opposite, abs(a.q[k, i] + b.q[k, i]))
         turn = max(turn, 2.0 * min(same, opposite))
         for i in range(6):
-            speed = max(speed, abs(v_b[k, i]), control.grid * abs(b.a_stage[k, i]))
-            fastest = max(fastest, abs(v_a[k, i] - v_b[k, i]))
-    largest = max(place, turn)
+            one = 1.0 if i < 3 else length
+            speed = max(speed, one * abs(v_b[k, i]), one * (control.grid * abs(b.a_stage[k, i])))
+            fastest = max(fastest, one * abs(v_a[k, i] - v_b[k, i]))
+    largest = max(place / length, turn)
     for i in range(a.z.shape[0]):
         largest = max(largest, abs(a.z[i] - b.z[i]) / control.internal_size[i])
     return max(largest, fastest / speed)

@@ -65,11 +65,12 @@ class Augmentation(NamedTuple):
     by_stage: np.ndarray  # (1,) 1 when the factorization has the rows of the stage
     violation: np.ndarray  # (1,) sum W g^2 that was measured last
     left: np.ndarray  # (nc,) violation
+    row_length: np.ndarray  # (nc,) what makes a length [m] of the residual of a row (solver.step.work)
     zero: np.ndarray  # (nb + 1, 6)
 
 
-def new_augmentation(model) -> Augmentation:
-    """Allocate for a model."""
+def new_augmentation(model, row_length: np.ndarray) -> Augmentation:
+    """Allocate for a model; row_length (nc,): see Augmentation."""
     n, nb, nc = MOST_DIRECTIONS, model.n_bodies, model.n_rows
     return Augmentation(
         zeros(n * nc),
@@ -84,6 +85,7 @@ def new_augmentation(model) -> Augmentation:
         zeros(1, int),
         zeros(1),
         zeros(nc),
+        row_length,
         zeros((nb + 1, 6)),
     )
 
@@ -162,7 +164,7 @@ def _new_direction(tables, form, saddle, augmentation, size):
 @kernel(inner=True)
 def combine(tables, form, saddle, augmentation, measure, share, smallest, g, dw, dlam):
     """Add to dw (nb + 1, 6) and dlam (nc,), the solution for the violation g (nc,) that solve_saddle just gave, combined augmentations
-    if it leaves more than `share` of the violation that was measured last, and more than `smallest` in every row.
+    if it leaves more than `share` of the violation that was measured last, and more than `smallest` [m/s^2] in every row.
 
     measure: g is that violation. Violations are sums of W g^2, and so is share. augmentation.known belongs to the factorization. Returns
     how many directions that took; augmentation.dropped says whether one was left.
@@ -273,7 +275,8 @@ def _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam, par
     floor = 0.0
     for i in range(W.shape[0]):
         left[i] = saddle.t[i]
-        floor += W[i] * smallest * smallest
+        least = smallest / augmentation.row_length[i]
+        floor += W[i] * least * least
     enough = max(enough, floor)
     size = weighed(W, left, left)
     used = 0

@@ -25,17 +25,22 @@ import numpy as np
 from solver.compiled.kernel import NO, YES, invoke, kernel
 from solver.model.evaluate import constraint_input_rates, constraint_rates, evaluate_constraints, evaluate_driven_forces, evaluate_forces
 from solver.model.saddle import solve_saddle
-from solver.model.state import update_angles
+from solver.model.state import turn_angles, update_angles
 from solver.output.collect import collect
 from solver.output.contradiction import note_contradiction
-from solver.output.energy import SLOWEST, note_residuals, update_energy
+from solver.output.energy import NOISE, note_residuals, update_energy
+from solver.output.shake import note_shake
 from solver.output.snapshot import Counters
 from solver.step.augmentation import ENOUGH, combine
 from solver.step.iteration import predict, speed_of
 from solver.step.iteration_fixed import iterate_fixed
 from solver.step.iteration_to_tolerance import iterate_to_tolerance
-from solver.step.stage import AT_END, copy_rows, is_row_finite, place
+from solver.step.stage import AT_END, copy_rows, fastest_turn, is_row_finite, place
 from solver.step.work import BAD_INPUT, NON_FINITE, OK, StepResult, added, last_result
+
+# Turn of a body in a step [rad], up to which the value of an angle nearest to that before is the one; two bodies turn twice as much, and
+# from pi on it is not.
+NEAREST = 1.5
 
 
 @kernel(inner=True)
@@ -57,6 +62,8 @@ def finish(tables, c, s0, s1, work):
         work.lam_out[i] = s1.lam[i] + c.ahead * (s1.lam[i] - s0.lam[i])
     for i in range(s0.angle.shape[0]):
         s1.angle[i] = s0.angle[i]
+    if fastest_turn(s1, tables.bodies.mass.shape[0]) * c.h > NEAREST:
+        turn_angles(tables.coordinates, work.kin_end, c.h, s1.angle)
     update_angles(tables.coordinates, work.kin_end, s1.angle)
 
 
@@ -71,12 +78,13 @@ def outputs_at_end(tables, s1, u, work):
 
 @kernel(inner=True)
 def position_drift(tables, work):
-    """Largest residual of a position constraint [m or rad]."""
-    worst = 0.0
+    """(largest residual of a position constraint [m or rad], largest as a length [m])."""
+    worst, longest = 0.0, 0.0
     for i in range(work.phi_end.shape[0]):
         if tables.constraints.holonomic[i] == 1:
             worst = max(worst, abs(work.phi_end[i]))
-    return worst
+            longest = max(longest, work.row_length[i] * abs(work.phi_end[i]))
+    return worst, longest
 
 
 @kernel(inner=True)
@@ -93,7 +101,7 @@ def body_not_finite(work):
 def step(tables, c, s0, s1, u, want_outputs, work):
     """Advance s0 to s1 by one step with the inputs u; outputs and projected velocity go to work. Returns a StepResult."""
     cz = predict(c, s0, s1, work)
-    speed = speed_of(s0)
+    speed = speed_of(s0, work)
     if c.fixed == 1:
         found = iterate_fixed(tables, c, s0, s1, u, cz, speed, work)
     else:
@@ -102,7 +110,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         return found
     finish(tables, c, s0, s1, work)
     evaluate_constraints(tables, work.kin_end, s1.angle, u, YES, work.phi_end, work.J_end)
-    position = position_drift(tables, work)
+    position, longest = position_drift(tables, work)
     passes = 1 if c.fixed == 1 and work.augmentation.by_stage[0] == 0 else 3  # a factorization with rows of the stage closes less at once
     velocity = project_velocity(tables, c, s1.v, u, passes, work)
     evaluations = found.counters.evaluations
@@ -110,7 +118,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         outputs_at_end(tables, s1, u, work)
         evaluations += 1
     n = found.counters
-    residual = max(n.residual, position / (c.h * speed))  # what augmentations leave open shows in no increment
+    residual = max(n.residual, longest / (c.h * speed))  # what augmentations leave open shows in no increment
     counters = Counters(n.iterations, n.factorizations, evaluations, n.stagnated, residual, position, velocity)
     bad = body_not_finite(work)
     if bad >= 0 or not np.isfinite(velocity + position):
@@ -180,8 +188,9 @@ def continue_inputs(follow, u, work):
 
 
 @kernel(inner=True)
-def keep_account(tables, h, follow, s1, u, counters, work):
-    """Advance the account by the step of h [s] that ended in s1, with forces that follow inputs as these are at its end."""
+def keep_account(tables, c, h, parts, follow, s0, s1, u, counters, work):
+    """Advance the account by the step of h [s] from s0 to s1, with forces that follow inputs as these are at its end. parts: 2 where s0 is
+    the state in the middle of the step."""
     outputs = work.outputs
     if continue_inputs(follow, u, work):
         outputs = work.outputs_end
@@ -191,14 +200,16 @@ def keep_account(tables, h, follow, s1, u, counters, work):
         evaluate_driven_forces(tables, w.kin_end, s1.angle, s1.z, 0.0, w.u_end, NO, w.f, w.Kq, w.Kv, w.z_stage, outputs)
     update_energy(tables, work.kin_end, outputs, work.lam_out, work.phi_t, h, work.account)
     n, g = counters, tables.bodies.gravity
-    slowest = max(h * (g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) ** 0.5, SLOWEST)
-    phi, rate, a, a_before = work.phi_end, work.rate, s1.a_stage, s1.a_stage_before
-    position, velocity = n.position_drift, n.velocity_drift
-    v, account = work.kin_end.v, work.account
+    falling, creeping = h * (g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) ** 0.5, NOISE * work.length / h
+    slowest = max(falling, creeping), max(falling, creeping) / work.length
+    coefficient = 0.25 * (1.0 + (c.am - c.af) ** 2) - 1.0 / 6.0
+    position, velocity, account = n.position_drift, n.velocity_drift, work.account
     note_residuals(
-        tables.constraints, tables.bodies.inertia, v, h, n.residual, position, velocity, phi, rate, a, a_before, slowest, account
-    )
-    note_contradiction(tables.constraints, work.J_end, work.lam_out, phi, work.r, work.f, account)
+        tables.constraints, tables.bodies.inertia, h, parts, coefficient, s1.v, work.kin_end, n.residual, position, velocity,
+        work.phi_end, work.rate, s1, s0.a_stage_before, slowest, account,
+    )  # fmt: skip
+    note_shake(tables, outputs, account)
+    note_contradiction(tables.constraints, work.J_end, work.lam_out, work.phi_end, work.length, work.r, work.f, account)
 
 
 @kernel(borrow=True)
@@ -225,7 +236,7 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
         if result.status != OK:
             return StepResult(result.status, result.where, total), k
         if audit:
-            keep_account(tables, c.h, c.ahead, new, u, result.counters, work)
+            keep_account(tables, c, c.h, 1, c.ahead, old, new, u, result.counters, work)
         for i in range(u.shape[0]):
             work.u_before[i] = u[i]
         old, new = new, old

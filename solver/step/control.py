@@ -115,7 +115,7 @@ def new_control(model, settings: IntegratorSettings, hold: float, fourth: int) -
     if not fourth:
         masses = Saddle(*(np.zeros((1, *array.shape[1:])) for array in masses))
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
-    account = lambda: new_account(nb, model.n_peaks).numbers  # noqa: E731
+    account = lambda: new_account(nb, model.n_peaks, len(model.spec.tires)).numbers  # noqa: E731
     kept = Kept(
         memory=np.zeros(5), history=new_history(model), penalty=np.zeros(nc), account=account(), account_before=account(),
         penalty_before=np.zeros(nc), v=six(), a=six(), zd=np.zeros(nz), v_full=six(),

@@ -33,13 +33,13 @@ from solver.model.state import update_angles
 from solver.model.tables import Model
 from solver.step.augmentation import begin_augmentation, combine
 from solver.step.augmented_lagrangian import body_not_finite, outputs_at_end, position_drift, violated_rates
-from solver.step.stage import copy_rows, largest
+from solver.step.stage import copy_rows, largest, largest_by_length
 from solver.step.work import NON_FINITE, OK, SINGULAR
 
 THIRD = 1.0 / 3.0
 # Times the effective mass of a row; ten times as much gains a digit more in a pass, and has ten times the rounding.
 PENALTY = 1e6
-SPACING = 1e-3  # m or rad between the places at which the rows of the constraints are differenced
+SPACING = 1e-3  # lengths of the model, or rad, between the places at which the rows of the constraints are differenced
 PASSES = 10  # passes of a projection or an acceleration at most; it ends before when a pass does not halve the residual
 EXACT = 1e-13  # relative residual of a projection or an acceleration at which it ends; digits beyond it are rounding
 RESOLVED = 0.5  # of a step, at least what a wind-up of friction takes to relax: from less on it swings from step to step
@@ -108,7 +108,7 @@ def _close_velocity(tables, masses, work):
     worst, before = 0.0, np.inf
     copy_rows(work.formulation.zero, work.r)
     for k in range(PASSES):
-        worst, fastest = violated_rates(tables, work), 1.0
+        worst, fastest = violated_rates(tables, work), 0.0
         for b in range(tables.bodies.mass.shape[0]):
             fastest = max(fastest, largest(work.v_out, b))
         if worst <= EXACT * fastest or not worst < 0.5 * before or k == PASSES - 1:
@@ -126,10 +126,10 @@ def _close_velocity(tables, masses, work):
 def _bias(tables, s, u, work):
     """work.g = (dA/dt) v + phi_tt, by the fourth-order central difference of A v along the motion with frozen v; kin_stage is scratch."""
     kin, v = work.kin_stage, work.v_out
-    fastest = 1.0
+    fastest = 0.0
     for b in range(tables.bodies.mass.shape[0]):
-        fastest = max(fastest, largest(v, b))
-    d = SPACING / fastest
+        fastest = max(fastest, largest_by_length(v, b, work.length))
+    d = SPACING * work.length / max(fastest, work.slow[0])
     for i in range(work.g.shape[0]):
         work.g[i] = work.phi_tt[i]
     for k in range(4):
@@ -171,7 +171,7 @@ def _accelerate(tables, masses, work):
             work.rate[i] += work.g[i]
         solve_saddle(tables, CONDENSED, masses, work.r, work.rate, work.dw, work.dlam)
         combine(tables, CONDENSED, masses, work.augmentation, k == 0, EXACT, 0.0, work.rate, work.dw, work.dlam)
-        change, size = 0.0, 1.0
+        change, size = 0.0, 0.0
         for b in range(bodies.mass.shape[0]):
             for i in range(6):
                 a[b, i] += work.dw[b, i]
@@ -207,7 +207,7 @@ def extrapolate(tables, masses, full, s1, u, want_outputs, last, work):
     evaluate_constraints(tables, work.kin_end, s1.angle, u, YES, work.phi_end, work.J_end)
     constraint_input_rates(tables, u, work.phi_t, work.phi_tt)
     bad = _factorize_masses(tables, masses, work)
-    position = position_drift(tables, work)
+    position, _ = position_drift(tables, work)
     velocity = _close_velocity(tables, masses, work)
     if want_outputs:
         outputs_at_end(tables, s1, u, work)

@@ -59,7 +59,7 @@ def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: Sta
             f'the penalty {scheme.penalty.max():.3g} is so large that its rounding spoils the condensed matrix: reduce '
             f'integrator.penalty to {ROUNDING_PENALTY:.0e} or less, or take integrator.form: block'
         )
-    if contradicts(account, model.tables.bodies)[0]:
+    if contradicts(account, model.tables.bodies, work.length)[0]:
         row = model.row_names[noted(account.contradiction)[2]]
         remedy = f'redundant joints contradict each other, most at constraint {row!r}: {MORE_DIGITS}'
     fallen = _fallen_disc(model, state)

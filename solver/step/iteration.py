@@ -11,7 +11,7 @@ from solver.compiled.kernel import YES, invoke, kernel
 from solver.model.evaluate import add_constraint_forces, add_constraint_stiffness, evaluate_constraints, evaluate_forces
 from solver.model.saddle import assemble_tangent, effective_masses, factorize_saddle, rotate_columns
 from solver.step.augmentation import begin_augmentation, restore, weighed, withhold
-from solver.step.stage import BOTH, WITH_TANGENTS, copy_blocks, is_row_finite, largest, largest_turn, momentum_residual, place
+from solver.step.stage import BOTH, WITH_TANGENTS, copy_blocks, is_row_finite, largest_by_length, largest_turn, momentum_residual, place
 
 # The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than the last
 # values keeps that part from drifting, while the determined part is found again by the first iteration.
@@ -94,13 +94,13 @@ def _to_g(c):
 
 @kernel(inner=True)
 def increment_of(work):
-    """(largest increment of an acceleration, largest of those that turn a body, body that is not finite or -1)."""
+    """(largest increment of an acceleration [m/s^2], largest of those that turn a body [rad/s^2], body that is not finite or -1)."""
     increment = 0.0
     turn = 0.0
     bad = -1
     for b in range(work.r.shape[0] - 1):
         turn = max(turn, largest_turn(work.dw, b))
-        increment = max(increment, largest(work.dw, b))
+        increment = max(increment, largest_by_length(work.dw, b, work.length))
         if not is_row_finite(work.dw, b):
             bad = b
     return increment, turn, bad
@@ -117,11 +117,11 @@ def add_increment(part, s1, work):
 
 
 @kernel(inner=True)
-def speed_of(s):
-    """Largest velocity [m/s or rad/s], at least 1: what increments and residuals are relative to."""
-    speed = 1.0
+def speed_of(s, work):
+    """Largest speed [m/s], at least the slow one of the model: what increments and residuals are relative to."""
+    speed = work.slow[0]
     for b in range(s.v.shape[0] - 1):
-        speed = max(speed, largest(s.v, b))
+        speed = max(speed, largest_by_length(s.v, b, work.length))
     return speed
 
 

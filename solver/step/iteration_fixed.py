@@ -44,8 +44,8 @@ MOST_ITERATIONS = 20  # iterations of a step in mode fixed; ten times as many co
 
 
 @kernel(inner=True)
-def _is_lost_anyway(c, s0, s1, left, speed):
-    """True where a step loses as much as `left` of a velocity [m/s or rad/s] whatever its iteration leaves: a motion
+def _is_lost_anyway(c, s0, s1, left, speed, length):
+    """True where a step loses as much as `left` of a velocity [m/s] whatever its iteration leaves: a motion
     that bends, most often that of one of the first bodies, has an error of second order of that size. Also true where
     `left` is negligible, or is rounding of the positions.
     """
@@ -55,7 +55,8 @@ def _is_lost_anyway(c, s0, s1, left, speed):
     for b in range(s0.v.shape[0] - 1):
         for i in range(6):
             a_stage = (1.0 - c.am) * s1.a[b, i] + c.am * s0.a[b, i]
-            if left < UNSEEN * c.h * abs(a_stage - 2.0 * s0.a_stage[b, i] + s0.a_stage_before[b, i]):
+            bent = abs(a_stage - 2.0 * s0.a_stage[b, i] + s0.a_stage_before[b, i])
+            if left < UNSEEN * c.h * (bent if i < 3 else length * bent):
                 return True
         for i in range(3):
             far = max(far, abs(s0.q[b, i]))
@@ -177,7 +178,8 @@ def iterate_fixed(tables, c, s0, s1, u, cz, speed, work):
         # What every step leaves in one direction adds up, so it must be less than what steps lose anyway. Of a single iteration no
         # gain is known; and where one with new tangents gains nothing, another one is no better.
         enough = it == 0 or (it >= c.iterations and rate > STAGNATION)
-        if last and settled and work.augmentation.withheld[0] == 0 and (enough or _is_lost_anyway(c, s0, s1, left * speed, speed)):
+        enough = enough or (last and settled and _is_lost_anyway(c, s0, s1, left * speed, speed, work.length))
+        if last and settled and work.augmentation.withheld[0] == 0 and enough:
             status = OK
             break
         refactor = (it > 0 or c.iterations == 1) and (last or not settled)

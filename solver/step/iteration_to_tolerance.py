@@ -35,13 +35,13 @@ def _balanced(tables, c, speed, work):
     (constraints)."""
     limit = c.tolerance * speed
     for i in range(work.phi_end.shape[0]):
-        if not abs(work.phi_end[i]) <= (limit * c.h if tables.constraints.holonomic[i] == 1 else limit):
+        if not work.row_length[i] * abs(work.phi_end[i]) <= (limit * c.h if tables.constraints.holonomic[i] == 1 else limit):
             return False
     for b in range(tables.bodies.mass.shape[0]):
         for i in range(3):
             if not abs(work.r[b, i]) * tables.penalty_inverse_mass[b] * c.h <= limit:
                 return False
-            if not abs(work.r[b, 3 + i]) * tables.penalty_inverse_inertia[b, i, i] * c.h <= limit:
+            if not work.length * abs(work.r[b, 3 + i]) * tables.penalty_inverse_inertia[b, i, i] * c.h <= limit:
                 return False
     return True
 
@@ -83,6 +83,7 @@ def iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work):
         evaluations += evaluate_tried(tables, c, s0, s1, u, cz, part, refactor, J_end, work)
         if it > 0 and _balanced(tables, c, speed, work):
             status = OK
+            residual = min(residual, c.tolerance)  # the last increment was that of an iterate which is balanced now
             break
         if refactor:
             where = factorize(tables, c, s1.lam, work)

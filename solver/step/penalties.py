@@ -12,7 +12,7 @@ import numpy as np
 
 from solver.compiled.kernel import invoke, kernel
 from solver.step.control import EASY, LONGEST_PATIENCE, NO_HELP, OF_PENALTY, PATIENCE, RAISE, STAGNATION, copy_vector, note_event
-from solver.step.iteration import LARGEST_STAGNATION
+from solver.step.iteration import LARGEST_STAGNATION, speed_of
 from solver.step.work import NOT_CONVERGED, OK, added, last_result
 
 # Part of the largest violation from which on a constraint counts as slow, and is raised; at 1 one is raised at a time.
@@ -45,10 +45,7 @@ def converge(tables, c, control, source, target, h, tolerance, u, t, outputs, wo
     total = last_result(work).counters
     if control.adaptive == 0:
         return total
-    speed = 1.0
-    for b in range(source.v.shape[0]):
-        for i in range(6):
-            speed = max(speed, abs(source.v[b, i]))
+    speed = speed_of(source, work)
     first = _left(h, speed, work)
     if first <= tolerance:
         return total

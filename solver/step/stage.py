@@ -38,9 +38,26 @@ def largest(x, b):
 
 
 @kernel(inline=True)
+def largest_by_length(x, b, length):
+    """The largest magnitude in row b of x (n, 6), of angular numbers times a length."""
+    place = max(abs(x[b, 0]), abs(x[b, 1]), abs(x[b, 2]))
+    return max(place, length * largest_turn(x, b))
+
+
+@kernel(inline=True)
 def largest_turn(x, b):
     """The largest magnitude among the angular numbers in row b of x (n, 6)."""
     return max(abs(x[b, 3]), abs(x[b, 4]), abs(x[b, 5]))
+
+
+@kernel(inner=True)
+def fastest_turn(s, n):
+    """Largest angular velocity [rad/s] of the first n bodies."""
+    most = 0.0
+    for b in range(n):
+        x, y, z = s.v[b, 3], s.v[b, 4], s.v[b, 5]
+        most = max(most, x * x + y * y + z * z)
+    return most**0.5
 
 
 @kernel(inline=True)

@@ -11,13 +11,14 @@ from solver.compiled.kernel import kernel
 from solver.compiled.memory import zeros
 from solver.elements.point_pair import Kinematics
 from solver.elements.registry import FORCES
+from solver.model.evaluate import turning_rows
 from solver.model.saddle import Saddle
 from solver.model.state import new_kinematics
 from solver.output.account import Account, new_account
 from solver.output.snapshot import Counters, OutputArrays
 from solver.step.augmentation import Augmentation, new_augmentation
 from solver.step.constraint_coefficients import Formulation, new_formulation
-from solver.step.settings import IntegratorSettings
+from solver.vehicle.size import scale_of
 
 # status of a step, or of several; INACCURATE: error control gave up, PAUSED: the caller may look around and call again
 OK, NOT_CONVERGED, NON_FINITE, SINGULAR, INACCURATE, BAD_INPUT, PAUSED = range(7)
@@ -65,25 +66,6 @@ def scheme_parameters(h: float, rho_inf: float) -> dict[str, float]:
     }
 
 
-def scheme_of(settings: IntegratorSettings, h: float, form: int, n_rows: int, factor: np.ndarray) -> Scheme:
-    """The scheme of a setting for steps of h [s]; form: of the step matrix; factor (n_rows,): see Scheme. The addresses are not in yet."""
-    return Scheme(
-        **scheme_parameters(h, settings.rho_inf),
-        penalty=np.full(n_rows, settings.penalty),
-        factor=factor,
-        m_alf=int(settings.kind == 'm_alf'),
-        weigh=0,
-        coupled=int(settings.effective_mass == 'coupled'),
-        full=int(settings.coefficients == 'full'),
-        form=form,
-        fixed=int(settings.mode == 'fixed'),
-        iterations=settings.iterations if settings.mode == 'fixed' else settings.max_iterations,
-        tolerance=settings.tolerance,
-        combined=int(settings.augmentation == 'combined'),
-        step=0,
-    )
-
-
 class Work(NamedTuple):
     """Scratch and outputs of a step; nothing in it but the account and its inputs before survives from one step to the next."""
 
@@ -122,6 +104,9 @@ class Work(NamedTuple):
     augmentation: Augmentation  # directions of the factorization
     formulation: Formulation  # coefficients of the constraints
     chassis: int  # body of the inertial unit
+    length: float  # of the model [m] (solver.model.scale): a turn by 1 rad counts as much as a displacement by it
+    slow: np.ndarray  # (1,) speed [m/s], below which velocities count as so much
+    row_length: np.ndarray  # (nc,) what makes a length [m] of the residual of a row: 1, or the length of the model of one in rad
     arrays: OutputArrays  # what a Snapshot shows
     result: np.ndarray  # (9,) StepResult of the last step, its counters one by one
 
@@ -176,16 +161,20 @@ def new_work(model, saddle: Saddle, outputs: np.ndarray, arrays: OutputArrays) -
     unit = lambda: new_kinematics(nb).R  # noqa: E731
     used = np.concatenate([model.inputs_of(kind.name) for kind in FORCES])
     forces = np.isin(np.arange(len(model.spec.inputs)), used).astype(float)
+    length, slow = scale_of(model.spec)
+    row_length = np.where(turning_rows(model), length, 1.0)
     work = Work(
         kin_stage=new_kinematics(nb), kin_end=new_kinematics(nb), T_stage=unit(), T_end=unit(),
         f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=zeros((ns + 1, 6, 6)), Kv=zeros((ns + 1, 6, 6)),
         phi_end=row(), phi_stage=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
         J_end=zeros((ne + 1, 6, 6)), J_stage=zeros((ne + 1, 6, 6)), zp=zeros(nz), z_stage=zeros(nz),
-        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), account=new_account(nb, model.n_peaks),
+        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(),
+        account=new_account(nb, model.n_peaks, len(model.spec.tires)),
         u_force=forces, u_before=zeros(len(forces)), u_end=zeros(len(forces)), outputs_end=outputs.copy(),
-        augmentation=new_augmentation(model),
+        augmentation=new_augmentation(model, row_length),
         formulation=new_formulation(model),
         chassis=model.body_names.index(model.spec.chassis) if model.spec.chassis else 0, arrays=arrays,
+        length=length, slow=np.array([slow]), row_length=row_length,
         result=zeros(2 + len(Counters._fields)),
     )  # fmt: skip
     return Ref(work)

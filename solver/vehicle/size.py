@@ -15,7 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.portable import norm
 from solver.model.frames import matrix
+from solver.model.scale import length_of, slow_speed
 from solver.model.spec import ModelSpec
 
 CORNERS = ('front_left', 'front_right', 'rear_left', 'rear_right')
@@ -63,6 +65,16 @@ def size_of(spec: ModelSpec) -> Size:
     wheelbase = 0.5 * (x['front_left'] + x['front_right'] - x['rear_left'] - x['rear_right'])
     mass = math.fsum(b.mass for b in spec.bodies)
     return Size(_relative(wheelbase, WHEELBASE, *ORDINARY['length']), _relative(mass, MASS, *ORDINARY['mass']))
+
+
+def scale_of(spec: ModelSpec) -> tuple[float, float]:
+    """(characteristic length [m], speed [m/s] below which motions count as slow) of a model: of what has wheels its size beside a
+    passenger car, of other mechanisms their own (solver.model.scale). A speed of 0: nothing weighs, and only the start can tell."""
+    if wheels_along(spec):
+        size = size_of(spec)
+        return size.length, size.speed
+    length, gravity = length_of(spec), norm(np.array(spec.gravity))
+    return length, slow_speed(length, gravity, 0.0, 0.0, 1.0) if gravity > 0.0 else 0.0
 
 
 def _relative(value: float, reference: float, low: float, high: float) -> float:

@@ -8,12 +8,12 @@ import pytest
 from solver.output.account import new_account, noted
 
 # Where names begin in saved states; what lies between follows from the shapes.
-FIRST = {'worst': 3, 'time': 6, 'kinetic': 9, 'residual': 15, 'turn': 24, 'steps': 27, 'swing': 29, 'phase': 37, 'contradiction': 43}
+FIRST = {'worst': 3, 'time': 6, 'kinetic': 9, 'residual': 16, 'turn': 25, 'steps': 28, 'swing': 30, 'phase': 38, 'contradiction': 53}
 
 
-@pytest.mark.parametrize(('bodies', 'peaks'), [(0, 0), (3, 0), (2, 4)])
-def test_the_views_are_the_buffer_each_number_once_and_in_order(bodies: int, peaks: int) -> None:
-    account = new_account(bodies, peaks)
+@pytest.mark.parametrize(('bodies', 'peaks', 'tires'), [(0, 0, 0), (3, 0, 2), (2, 4, 0)])
+def test_the_views_are_the_buffer_each_number_once_and_in_order(bodies: int, peaks: int, tires: int) -> None:
+    account = new_account(bodies, peaks, tires)
     assert not account.numbers.any()
     account.numbers[:] = np.arange(len(account.numbers))
     views = account._asdict()
@@ -24,7 +24,7 @@ def test_the_views_are_the_buffer_each_number_once_and_in_order(bodies: int, pea
         assert view.flags.c_contiguous and view.flags.writeable
     assert {name: int(getattr(account, name).flat[0]) for name in FIRST} == FIRST
     assert account.twist.shape == (bodies, 2, 6) and account.peak.shape == (peaks, 2)
-    assert len(account.numbers) == 46 + 12 * bodies + 2 * peaks
+    assert len(account.numbers) == 56 + (12 + 6 + 4) * bodies + 2 * peaks + 12 * tires
 
 
 def test_what_is_written_by_name_is_in_the_copy_of_the_buffer() -> None:

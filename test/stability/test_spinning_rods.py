@@ -29,11 +29,11 @@ def test_a_free_rod_that_nutates_is_told_where_its_axis_is_not(spin: float, h: f
     off = np.degrees(np.arccos(exact @ Rotation.from_quat(s.state.q[0, 3:]).apply([0, 0, 1])))
     assert (off > 5.0) == told
     assert off > 5.0 or off < 1.0
-    assert [found.quantity for found in findings(s)] == ['phase'] * told
+    assert [found.quantity for found in findings(s)] == ['turn_per_step'] * told
 
 
 def test_a_point_mass_has_no_spin() -> None:
     """It has no angular momentum of its own to compare with."""
     s = simulation_of(load_scene('pendulum', ['integrator.h=0.01']))
     s.advance(200)
-    assert np.isfinite(s.last_step.account.phase).all() and not findings(s)
+    assert np.isfinite(s.last_step.account.astray).all() and not findings(s)
