@@ -21,6 +21,7 @@ from solver.errors import SpecError, suggestion
 from solver.linear.elimination import plan_elimination
 from solver.model.frames import matrix
 from solver.model.free_rotations import standing_inertia
+from solver.model.scale import length_of
 from solver.model.spec import ModelSpec
 from solver.model.state import kinematics_of, placed_configuration
 from solver.model.tables import (
@@ -207,7 +208,7 @@ def compile_model(spec: ModelSpec) -> Model:
         for b in members & follow.keys():
             follow[b].add(group)
     wait_for = {group: heavy for group, members in wait_for.items() if (heavy := members - follow.keys())}
-    inverse_mass, inverse_inertia = _floored_inverses(bodies, [elements[kind.name] for kind in CONSTRAINTS])
+    inverse_mass, inverse_inertia = _floored_inverses(bodies, [elements[kind.name] for kind in CONSTRAINTS], length_of(spec))
     tables = Ref(
         Tables(
             forces=forces,
@@ -328,21 +329,24 @@ def _massless(bodies) -> list[int]:
     return [int(b) for b in np.flatnonzero(light | (moments[:, 0] <= MASSLESS * moments.max()))]
 
 
-def _floored_inverses(bodies, constraints: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
-    """1/mass (nb,) and inverse inertia (nb, 3, 3) with floors.
+def _floored_inverses(bodies, constraints: Sequence[Any], length: float) -> tuple[np.ndarray, np.ndarray]:
+    """1/mass (nb,) and inverse inertia (nb, 3, 3) with floors, of a model of that length [m].
 
     The floor of the inertia is a fraction of the mean of inertia and mass * (lever arm of a joint)^2: the second remains when all
-    bodies are point masses. Bodies that turn without inertia about any axis have it, thin rods among them.
+    bodies are point masses, and without arms the length of the model stands for them; where nothing has mass, any will do. Bodies that turn
+    without inertia about any axis have it, thin rods among them.
     """
     n = len(bodies.mass)
-    mass = np.maximum(bodies.mass, PENALTY_MASS_FLOOR * max(float(bodies.mass.mean()), 1e-12))
+    mean = float(bodies.mass.mean()) if n else 0.0
+    mass = np.maximum(bodies.mass, PENALTY_MASS_FLOOR * (mean or 1.0))
     size = np.trace(bodies.inertia, axis1=1, axis2=2)
     arm = np.zeros(n + 1)
     for table in constraints:
         if 'r_i' in table._fields:  # between two markers
             for side, r in enumerate((table.r_i, table.r_j)):
                 np.maximum.at(arm, table.body[:, side], norms(r))
-    floor = PENALTY_MASS_FLOOR * max(float((size + bodies.mass * arm[:n] ** 2).mean()), 1e-12)
+    own = float((size + bodies.mass * arm[:n] ** 2).mean()) if n else 0.0
+    floor = PENALTY_MASS_FLOOR * (own or mean * length * length or 1.0)
     moments = principal_moments(bodies.inertia)
     floored = (size < 3 * floor) | (moments[:, 0] <= THIN * moments.max())
     return 1.0 / mass, inverse(bodies.inertia + floor * np.eye(3) * floored.reshape(n, 1, 1))

@@ -19,11 +19,12 @@ from solver.compiled.portable import norm, norms, product
 from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.errors import SpecError
+from solver.model.scale import length_of
 from solver.model.spec import ModelSpec
 
 POINTS = {'spherical': ('i', 'j'), 'distance': ('i', 'j'), 'point_on_line': ('j',), 'point_on_plane': ('j',)}  # joints: forces at points
 STRAIGHT = 1e-9  # relative: what points that are written with sixteen digits may be off the line through them
-SIZE = 0.1  # m, of bodies among which none has a moment of inertia; ten times as much changes no motion
+SIZE = 0.1  # of the length of a model, that of bodies among which none has a moment of inertia; ten times as much changes no motion
 
 
 def standing_inertia(spec: ModelSpec) -> np.ndarray:
@@ -37,7 +38,7 @@ def standing_inertia(spec: ModelSpec) -> np.ndarray:
         axes = _free(spec, body)
         if axes.any():
             spin = float(norm(product(axes, np.array(body.angular_velocity))))
-            if spin > STRAIGHT * (1.0 + norm(np.array(body.angular_velocity))):
+            if spin > STRAIGHT * norm(np.array(body.angular_velocity)):
                 raise SpecError(
                     f'{body.where}: angular_velocity = {list(body.angular_velocity)}: the body has no moment of inertia about that axis, '
                     'and nothing acts on such a rotation: leave that component out, or give the body an inertia'
@@ -51,7 +52,7 @@ def _usual(spec: ModelSpec) -> float:
     """A moment of inertia [kg m^2] as others in the model: nothing depends on it but how well equations are scaled."""
     moments = [float(np.trace(b.inertia_matrix())) / 3.0 for b in spec.bodies]
     some = [moment for moment in moments if moment > 0.0]
-    return sum(some) / len(some) if some else max(b.mass for b in spec.bodies) * SIZE * SIZE
+    return sum(some) / len(some) if some else max(b.mass for b in spec.bodies) * (SIZE * length_of(spec)) ** 2
 
 
 def _free(spec: ModelSpec, body: RigidBodySpec) -> np.ndarray:

@@ -22,10 +22,12 @@ from solver.model.evaluate import (
     constraint_rates,
     evaluate_constraints,
     evaluate_forces,
+    turning_rows,
 )
 from solver.model.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, new_saddle, solve_saddle
 from solver.model.state import State, fill_kinematics, new_kinematics, update_angles
 from solver.model.tables import Model
+from solver.vehicle.size import scale_of
 
 PENALTY = 1e6  # above it rounding of small inertias beside large ones shows
 STIFFEST = 1e4  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
@@ -33,19 +35,21 @@ HEAVY, SOFTER = 100.0, 1e2  # kg of the effective mass of a row, from which on h
 SOFTEST = 1.0  # 1/s^2, where rounding of larger ones moves a part that is light and not damped
 AUGMENTATIONS = 400  # at most; each gains a factor 1 + PENALTY s_min, little where a light body carries a heavy one
 PLAIN, COMBINED = 10, 2  # augmentations for accelerations: first one by one, then combined by GMRES
-OPEN = 1e-8  # m/s or rad/s by which velocities may violate constraints at the start; a start with more is refused
+# Part of the slow speed of the model (solver.model.scale; where nothing weighs, of the velocities given) by which velocities may violate
+# constraints at the start; a start with more is refused.
+OPEN = 1e-8
 STAGNATION = 0.5  # change over the one before, above which an iteration has come to rounding and ends
 KRYLOV = 40  # augmentations that GMRES combines at most; ten times as many need ten times the memory
-# Distance [m] or angle [rad] by which constraints may be open after the assembly, where positions have so many digits.
+# Lengths of the model, or rad, by which constraints may be open after the assembly, where positions have so many digits.
 ASSEMBLY_TOLERANCE = 1e-12
 POSITION_ROUNDING = 1e-15  # relative rounding of a position: far from the origin no constraint closes any better
-CONTRADICTING = 1e-5  # m or rad that stay open where joints are nearly right
-LARGEST_TURN = 0.3  # rad or m per iteration of the assembly, so that no coordinate turns by pi at once
+CONTRADICTING = 1e-5  # lengths of the model, or rad, that stay open where joints are nearly right
+LARGEST_TURN = 0.3  # rad, or lengths of the model, per iteration of the assembly, so that no coordinate turns by pi at once
 FARTHEST = 10000  # such iterations that a start may be away: 3000 rad
 CLEARANCE = 10.0  # height at which no tire touches any road [m]
 CLOSING = 10  # iterations that close constraints beside the start
 UNRESOLVED = 0.5  # part of the change of an acceleration over a step that a Taylor polynomial may miss
-UNSEEN = 1e-9  # m or rad in a step: a change of acceleration that moves a body by less is not sudden
+UNSEEN = 1e-9  # lengths of the model, or rad, in a step: a change of acceleration that moves a body by less is not sudden
 
 
 class ConsistentState:
@@ -71,6 +75,9 @@ class ConsistentState:
         self.phi_tt = np.zeros(model.n_rows)
         self.J = np.zeros((model.n_entries + 1, 6, 6))
         self.z = np.zeros(model.n_internal)
+        self.length, self.slow = scale_of(model.spec)
+        self.by_length = np.array([1.0] * 3 + [self.length] * 3)  # makes lengths of turns
+        self.row_length = np.where(turning_rows(model), self.length, 1.0)
         # massless bodies get the floor that the penalties use, here as inertia of the metric only
         self.metric = np.zeros((nb, 6, 6))
         self.metric[:, :3, :3] = np.eye(3) / self.t.penalty_inverse_mass[:, None, None]
@@ -106,6 +113,14 @@ class ConsistentState:
         evaluate_constraints(self.t, kin, angle, u, True, self.phi, self.J)
         return kin
 
+    def _largest(self, x: np.ndarray) -> float:
+        """Largest magnitude in x (nb + 1, 6), of turns times the length of the model."""
+        return float(np.abs(x * self.by_length).max())
+
+    def _violated(self, rate: np.ndarray) -> float:
+        """Largest violation of a velocity in rate (nc,) [m/s]."""
+        return float(np.abs(self.row_length * rate).max(initial=0.0))
+
     def _worst_row(self, residual: np.ndarray) -> str:
         return self.model.row_names[int(np.argmax(np.abs(residual)))] if len(residual) else 'none'
 
@@ -124,18 +139,18 @@ class ConsistentState:
             kin = self._constraints(state.q, state.v, state.angle, u)
             update_angles(self.coordinates, kin, state.angle)
             residual = self.t.constraints.holonomic * (self.phi + (offsets if offsets is not None else 0.0))
-            if not len(residual) or np.abs(residual).max() < ASSEMBLY_TOLERANCE:
+            if not len(residual) or np.abs(self.row_length * residual).max() < ASSEMBLY_TOLERANCE * self.length:
                 break
             self._factorize(1.0, 0.0, 0.0, metric=True, holonomic=True)
             solve_saddle(self.t, CONDENSED, self.saddle, zero, residual, self.dw, self.dlam)
-            far = np.abs(self.dw).max()
+            far = self._largest(self.dw) / self.length
             if made == 0 and far < np.inf:
                 most += int(min(far / LARGEST_TURN, FARTHEST))
             move(state.q, self.dw * min(1.0, LARGEST_TURN / max(far, 1e-300)))
             made += 1
         else:
-            worst = np.abs(residual).max()
-            if not worst < max(1e-9, POSITION_ROUNDING * np.abs(state.q[:, :3]).max()):
+            worst = np.abs(self.row_length * residual).max() / self.length
+            if not worst < max(1e-9, POSITION_ROUNDING * np.abs(state.q[:, :3]).max() / self.length):
                 remedy = 'place the bodies nearer to a closed configuration or check the joint data'
                 if worst < CONTRADICTING:
                     remedy = (
@@ -145,7 +160,7 @@ class ConsistentState:
                     )
                 raise ConsistencyError(
                     f'start: the mechanism cannot be assembled from the given placement: constraint {self._worst_row(residual)!r} '
-                    f'stays open by {worst:.3g}; {remedy}'
+                    f'stays open by {np.abs(residual).max():.3g}; {remedy}'
                 )
         update_angles(self.coordinates, self._at(state.q, state.v), state.angle)
 
@@ -173,6 +188,7 @@ class ConsistentState:
         effective_masses(self.t, self.J, self.saddle.W)
         heavy = self.saddle.W.max(initial=0.0) > HEAVY
         given, rate = state.v.copy(), np.zeros(self.model.n_rows)
+        most = OPEN * (self.slow or self._largest(given) or self._violated(self.phi_t))
         for stiffest in (SOFTER, SOFTEST) if heavy else (STIFFEST, SOFTER, SOFTEST):
             self._factorize(1.0, 0.0, hold, metric=True, stiffest=stiffest)
             state.v[:] = given
@@ -181,12 +197,12 @@ class ConsistentState:
                 break
         else:
             raise ConsistencyError('start: no velocity satisfies the constraints to rounding; give light parts more mass and inertia')
-        if hold == 0.0 and not (done and np.abs(rate).max(initial=0.0) <= OPEN):  # a light chain carries something heavy
+        if hold == 0.0 and not (done and self._violated(rate) <= most):  # a light chain carries something heavy
             constraint_rates(self.constraints, self.J, given, rate)
             state.v[:] = given + self._constrained(0.0, rate + self.phi_t)[0]
             constraint_rates(self.constraints, self.J, state.v, rate)
             rate += self.phi_t
-        if not np.abs(rate).max(initial=0.0) <= OPEN:
+        if not self._violated(rate) <= most:
             raise ConsistencyError(
                 f'start: no velocity satisfies the constraints: {self._worst_row(rate)!r} is violated by {np.abs(rate).max():.3g}; '
                 'remove contradicting initial rates'
@@ -198,11 +214,11 @@ class ConsistentState:
         False where a correction is larger than all velocities before: the rounding of the penalties moves a part that is so light.
         """
         given, lam = state.v.copy(), np.zeros(self.model.n_rows)
-        last, largest = np.inf, max(1.0, np.abs(given).max())
+        last, largest = np.inf, max(self.slow, self._largest(given))
         for k in range(AUGMENTATIONS):
             constraint_rates(self.constraints, self.J, state.v, rate)
             rate += self.phi_t
-            closed = np.abs(rate).max(initial=0.0) < 1e-13 * max(1.0, np.abs(state.v).max())
+            closed = self._violated(rate) <= 1e-13 * max(self.slow, self._largest(state.v))
             if closed and k == 0 and hold == 0.0:
                 return True
             r = -hold * self._block_product(self.Kv, state.v)
@@ -210,7 +226,7 @@ class ConsistentState:
             add_constraint_forces(self.constraints, self.J, lam, -1.0, r)
             r[-1] = 0.0
             solve_saddle(self.t, CONDENSED, self.saddle, r, rate, self.dw, self.dlam)
-            change = np.abs(self.dw).max()
+            change = self._largest(self.dw)
             if closed and (change == 0.0 or change > STAGNATION * last):
                 return True  # what is left is rounding, of the residuals now
             if not (k == 0 or change <= largest):
@@ -251,7 +267,7 @@ class ConsistentState:
                 self._combine()
             a += self.dw
             lam += self.dlam
-            if np.abs(self.dw).max() <= 1e-13 * max(1.0, np.abs(a).max()):
+            if self._largest(self.dw) <= 1e-13 * max(self.slow * self.slow / self.length, self._largest(a)):
                 break
         return a, lam
 
@@ -288,8 +304,10 @@ class ConsistentState:
 
     def _acceleration_bias(self, q, v, angle, u) -> np.ndarray:
         """(dA/dt) v by the fourth-order central difference of A v along the motion with frozen v."""
-        d = 1e-3 / max(1.0, np.abs(v).max())
         bias = np.zeros(self.model.n_rows)
+        if not v.any():
+            return bias
+        d = 1e-3 * self.length / max(self.slow, self._largest(v))
         rate = np.zeros(self.model.n_rows)
         J = np.zeros_like(self.J)
         phi = np.zeros_like(self.phi)
@@ -317,10 +335,10 @@ class ConsistentState:
         """
         a, lam = self.acceleration(state.q, state.v, state.z, state.angle, u)
         kin = self._at(state.q, state.v)
-        cz = 1e-6
+        cz = 1e-3 * h
         evaluate_forces(self.t, kin, state.angle, state.z, cz, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
         state.zd[:] = (self.z - state.z) / cz
-        d = min(1e-4, 0.1 * h)
+        d = 0.1 * h
         sides = []
         constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
         phi_t, phi_tt = self.phi_t.copy(), self.phi_tt.copy()
@@ -336,10 +354,12 @@ class ConsistentState:
             sides.append(self.acceleration(q, state.v + s * a, state.z + s * state.zd, state.angle, u))
         a_rate = (sides[0][0] - sides[1][0]) / (2 * d)
         lam_rate = (sides[0][1] - sides[1][1]) / (2 * d)
-        smooth = h * norm(a_rate) <= norm(a)
+        smooth = h * norm(a_rate * self.by_length) <= norm(a * self.by_length)
         over, forces = self._acceleration_over_a_step(state, u, h)
-        stiff = norm(over - (a + h * a_rate)) > UNRESOLVED * max(norm(a), h * norm(a_rate))
-        sudden = np.abs(over - a).max() > max(np.abs(over).max(), np.abs(state.v).max() / h, UNSEEN / (h * h))  # never if not finite
+        missed, rate = norm((over - (a + h * a_rate)) * self.by_length), norm(a_rate * self.by_length)
+        stiff = missed > UNRESOLVED * max(norm(a * self.by_length), h * rate)
+        least = max(self._largest(over), self._largest(state.v) / h, UNSEEN * self.length / (h * h))
+        sudden = self._largest(over - a) > least  # never if not finite
         if stiff and sudden:
             a, lam, smooth = over, forces, False
         state.a[:] = a + ((am - af) * h * a_rate if smooth else 0.0)
@@ -379,7 +399,7 @@ class ConsistentState:
             solve_saddle(self.t, CONDENSED, self.saddle, r, rate + bias, self.dw, self.dlam)
             a += self.dw
             lam += self.dlam
-            if np.abs(self.dw).max() <= 1e-10 * np.abs(a).max(initial=1.0):
+            if self._largest(self.dw) <= 1e-10 * max(self.slow * self.slow / self.length, self._largest(a)):
                 break
         return a, lam
 

@@ -21,14 +21,15 @@ from solver.elements.marker import Marker
 from solver.elements.spring_damper import SPRING_DAMPERS
 from solver.elements.tire_pacejka import TIRES
 from solver.errors import ConsistencyError
-from solver.model.evaluate import evaluate_constraints, evaluate_forces
+from solver.model.evaluate import evaluate_constraints, evaluate_forces, turning_rows
 from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
+from solver.vehicle.size import scale_of
 
-# Residual [m or rad] of a joint that counts as closed, and change [m, rad, m/s, rad/s] that counts as none. Files have
-# numbers with finitely many digits, which leave less than that. Ten times as much would hide a visible misplacement.
+# Residual of a joint that counts as closed, in lengths of the model or rad; change that counts as none, in the same, and of
+# velocities in slow speeds of the model (solver.model.scale). Files have numbers with finitely many digits, which leave less than that. Ten times as much would hide a visible misplacement.
 OPEN = 1e-6
-# Distance [m] of two points that count as one; ten times as much is still far below any length that is written.
+# Distance, in lengths of the model, of two points that count as one; ten times as much is still far below any length that is written.
 COINCIDING = 1e-12
 PARALLEL = ('fixed', 'prismatic')  # kinds of joints that keep the axes of their two markers parallel
 # 1 + the cosine between two axes that count as opposite: they are less than 3e-5 rad from it. Ten times as much: 1e-4
@@ -89,6 +90,8 @@ def changes(model: Model, kind: str, placed: np.ndarray, given: np.ndarray, stat
     rates of coordinates. speed: of the chassis [m/s]. A change below OPEN counts as none.
     """
     names = model.body_names
+    length, slow = scale_of(model.spec)
+    slow = slow or max(np.abs(given[:-1, :3]).max(initial=0.0), length * np.abs(given[:-1, 3:]).max(initial=0.0))
     distance = norms(state.q[:-1, :3] - placed[:-1, :3])
     cosine = np.abs(np.add.reduce(state.q[:-1, 3:] * placed[:-1, 3:], axis=1))
     turn = np.array([2.0 * math.acos(min(c, 1.0)) for c in cosine.tolist()])
@@ -97,13 +100,16 @@ def changes(model: Model, kind: str, placed: np.ndarray, given: np.ndarray, stat
     by = 'static equilibrium' if kind == 'equilibrium' else 'assembly'
     causes = (['rolling at start.speed'] if speed else []) + (['rates wanted in start.coordinates'] if wanted else [])
     found: dict[str, Any] = {}
-    if max(distance.max(initial=0.0), turn.max(initial=0.0)) > OPEN:
-        found |= _largest(names, distance, 'moved', 'distance') | _largest(names, turn, 'turned', 'turn') | {'placed_by': by}
-    if max(velocity.max(initial=0.0), rate.max(initial=0.0)) > OPEN:
+    if max(distance.max(initial=0.0) / length, turn.max(initial=0.0)) > OPEN:
+        moved, turned = _largest(names, distance, 'moved', 'distance', OPEN * length), _largest(names, turn, 'turned', 'turn', OPEN)
+        found |= moved | turned | {'placed_by': by}
+    faster = OPEN * slow
+    if max(velocity.max(initial=0.0), length * rate.max(initial=0.0)) > faster:
         set_by = ' and '.join(causes) or 'the constraints'
-        found |= _largest(names, velocity, 'faster', 'velocity') | _largest(names, rate, 'spun', 'rate') | {'set_by': set_by}
+        found |= _largest(names, velocity, 'faster', 'velocity', faster) | _largest(names, rate, 'spun', 'rate', faster / length)
+        found |= {'set_by': set_by}
         own = np.array([any((*body.velocity, *body.angular_velocity)) for body in model.spec.bodies])
-        found |= _largest(names, own * np.maximum(velocity, rate), 'corrected', 'correction')
+        found |= _largest(names, own * np.maximum(velocity, rate), 'corrected', 'correction', faster * min(1.0, 1.0 / length))
     return Changes(kind=kind, **found)
 
 
@@ -111,19 +117,21 @@ def _said(value: float, unit: str, body: str) -> str:
     return f'{value:.3g} {unit} ({body})' if body else ''
 
 
-def _largest(names: list[str] | tuple[str, ...], values: np.ndarray, body: str, value: str) -> dict[str, Any]:
-    """{body: name of the body with the largest value, value: that value}, or {} if it is below OPEN."""
+def _largest(names: list[str] | tuple[str, ...], values: np.ndarray, body: str, value: str, least: float) -> dict[str, Any]:
+    """{body: name of the body with the largest value, value: that value}, or {} if it is below `least`."""
     worst = int(np.argmax(values))
-    return {body: names[worst], value: float(values[worst])} if values[worst] > OPEN else {}
+    return {body: names[worst], value: float(values[worst])} if values[worst] > least else {}
 
 
 def refuse_open_joints(model: Model, state: State, u: np.ndarray) -> None:
     """Raise ConsistencyError if a constraint is open by more than OPEN; the sentence names the one that is open
     most."""
     phi = _residuals(model, state, u)
-    if not len(phi) or np.abs(phi).max() <= OPEN:
+    length, _ = scale_of(model.spec)
+    open_ = np.abs(phi) * np.where(turning_rows(model), 1.0, 1.0 / length)
+    if not len(phi) or open_.max() <= OPEN:
         return
-    row = int(np.argmax(np.abs(phi)))
+    row = int(np.argmax(open_))
     remedy = 'set start.kind: assemble, or correct the placement of its bodies or markers (as_placed changes nothing)'
     raise ConsistencyError(f'start: {_described(model, phi, row)} as the bodies are placed; {remedy}')
 
@@ -146,7 +154,7 @@ def _described(model: Model, phi: np.ndarray, row: int) -> str:
             own = phi[first : first + len(codes)]
             apart = [x for x, code in zip(own, codes, strict=True) if code >= PX or code in (DISTANCE, *range(AXES))]
             angle = [0.5 * x if code == TWIST else x for x, code in zip(own, codes, strict=True) if AXES <= code <= TWIST]
-            parts = [f'{norm(np.array(apart)):.6g} m'] if norm(np.array(apart)) > OPEN else []
+            parts = [f'{norm(np.array(apart)):.6g} m'] if norm(np.array(apart)) > OPEN * scale_of(model.spec)[0] else []
             if norm(np.array(angle)) > OPEN:
                 parts.append(f'{math.degrees(math.asin(min(1.0, norm(np.array(angle))))):.4g} deg')
             return f'joint {joint.name!r} is open by {" and ".join(parts)}'
@@ -167,8 +175,9 @@ def refuse_flat_discs(model: Model, state: State) -> None:
 
 def refuse_points_without_distance(model: Model, state: State) -> None:
     """Raise ConsistencyError for a distance joint whose points coincide: it has no direction there."""
+    length, _ = scale_of(model.spec)
     for joint in model.spec.joints:
-        if joint.kind == 'distance' and norm(_point(model, state, joint.j) - _point(model, state, joint.i)) < COINCIDING:
+        if joint.kind == 'distance' and norm(_point(model, state, joint.j) - _point(model, state, joint.i)) < COINCIDING * length:
             raise ConsistencyError(
                 f'start: the points of joint {joint.name!r} (distance) coincide, so it has no direction; place one of its bodies elsewhere'
             )
@@ -176,9 +185,10 @@ def refuse_points_without_distance(model: Model, state: State) -> None:
 
 def refuse_links_without_length(model: Model, state: State) -> None:
     """Raise ConsistencyError for a rod or strut whose points coincide: its force has no direction there."""
+    length, _ = scale_of(model.spec)
     for element, links in (('rod', model.spec.rods), ('strut', model.spec.struts)):
         for link in links:
-            if norm(_point(model, state, link.j) - _point(model, state, link.i)) < COINCIDING:
+            if norm(_point(model, state, link.j) - _point(model, state, link.i)) < COINCIDING * length:
                 raise ConsistencyError(
                     f'start: {element} {link.name!r} has length zero, so its force has no direction; place its bodies apart'
                 )
@@ -243,7 +253,7 @@ def refuse_undirected(model: Model, state: State, u: np.ndarray) -> None:
         return
     for spec, out in zip(model.spec.spring_dampers, model.outputs(SPRING_DAMPERS.name, _outputs(model, state, u)), strict=True):
         length, force = out[SPRING_DAMPERS.column('length')], out[SPRING_DAMPERS.column('force')]
-        if length < COINCIDING and force != 0.0:
+        if length < COINCIDING * scale_of(model.spec)[0] and force != 0.0:
             raise ConsistencyError(
                 f'start: spring-damper {spec.name!r} has length zero, so its force of {force:.3g} N has no direction; place its bodies '
                 'apart, or give it no force at length zero (free_length: 0, no preload)'

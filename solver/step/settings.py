@@ -9,6 +9,8 @@ from solver.dimensions import PerSecond, Time
 from solver.validate import finite, require
 
 WHERE = 'integrator'
+LONGEST = 1e9  # s, of a step: 30 years; time is counted in nanoseconds, with 63 bits, and stamps of messages have 31 bits of seconds
+ROUNDED = 4.4e-16  # relative rounding of a step in seconds, two units in its last place; ten times as much is a ns of a step of 5 days
 SMALLEST_PART = 1024  # a step that fails is halved ten times: more costs more than it saves
 
 
@@ -61,9 +63,9 @@ class IntegratorSettings:
     error_tolerance: PerSecond = 1e-3
 
     def __post_init__(self) -> None:
-        finite(WHERE, 'h', self.h, low=1e-9, high=1.0)
+        finite(WHERE, 'h', self.h, low=1e-9, high=LONGEST)
         require(
-            abs(self.h * 1e9 - round(self.h * 1e9)) < 1e-6,
+            abs(self.h * 1e9 - round(self.h * 1e9)) < 1e-6 + ROUNDED * self.h * 1e9,
             WHERE,
             'h',
             self.h,
@@ -82,7 +84,7 @@ class IntegratorSettings:
             finite(WHERE, 'mass_factor', factor, low=0.0, high=1e6, strict=True)
         finite(WHERE, 'penalty_cap', self.penalty_cap, low=0.0, high=1e15, strict=True)
         if self.h_min:
-            finite(WHERE, 'h_min', self.h_min, low=1e-12, high=1.0)
+            finite(WHERE, 'h_min', self.h_min, low=1e-12, high=LONGEST)
         finite(WHERE, 'error_tolerance', self.error_tolerance, low=1e-12, high=1e3)
         for name, value, any_mode in (
             ('penalty_policy', self.penalty_policy, ('constant',)),
