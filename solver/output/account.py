@@ -49,7 +49,9 @@ class Account(NamedTuple):
     wound: np.ndarray  # noted: rotation angle in an element that acts on a rotation vector [rad]; index of its outputs
     # (2, 2) recent squares of second differences of an acceleration, and of first differences
     bend: np.ndarray
-    astray: np.ndarray  # (2,) error of the directions of spin axes so far, less the part that has died out; largest of a body in a step [rad]
+    astray: (
+        np.ndarray
+    )  # (2,) error of the directions of spin axes so far, less the part that has died out; largest of a body in a step [rad]
     shake: np.ndarray  # noted: chatter of a tire's force, over its load (solver.output.shake); index of the tire
     swayed: np.ndarray  # (1,) kinetic energy of vibrations whose amplitudes are the ranges in `swing` [J]
     contradiction: np.ndarray  # noted: energy of rows that contradict each other [J] (solver.output.contradiction); a row

@@ -26,8 +26,9 @@ from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
 from solver.vehicle.size import scale_of
 
-# Residual of a joint that counts as closed, in lengths of the model or rad; change that counts as none, in the same, and of
-# velocities in slow speeds of the model (solver.model.scale). Files have numbers with finitely many digits, which leave less than that. Ten times as much would hide a visible misplacement.
+# Residual of a joint that counts as closed, in lengths of the model or rad; change that counts as none, in the same,
+# and of velocities in slow speeds of the model (solver.model.scale). Files have numbers with finitely many digits,
+# which leave less than that. Ten times as much would hide a visible misplacement.
 OPEN = 1e-6
 # Distance, in lengths of the model, of two points that count as one; ten times as much is still far below any length that is written.
 COINCIDING = 1e-12
