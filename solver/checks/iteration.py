@@ -102,7 +102,7 @@ def position_drift_max(e: Evidence) -> Iterator[Measured]:
 POSITION_DRIFT_MAX = Check(
     name='position_drift_max',
     unit='m or rad',
-    rule=f'{LARGEST_STAGNATION:g} of the largest velocity, at least the slow speed of the model,, times the step',
+    rule=f'{LARGEST_STAGNATION:g} of the largest velocity, at least the slow speed of the model, times the step',
     measure=position_drift_max,
     reason='{where} is open',
     remedy='Reduce integrator.h, raise integrator.penalty, or check whether joints contradict each other',
@@ -118,7 +118,7 @@ def velocity_drift_max(e: Evidence) -> Iterator[Measured]:
 VELOCITY_DRIFT_MAX = Check(
     name='velocity_drift_max',
     unit='m/s or rad/s',
-    rule=f'{LARGEST_STAGNATION:g} of the largest velocity, at least the slow speed of the model,',
+    rule=f'{LARGEST_STAGNATION:g} of the largest velocity, at least the slow speed of the model',
     measure=velocity_drift_max,
     reason='a velocity violates {where}',
     remedy='Reduce integrator.h or raise integrator.penalty',

@@ -25,6 +25,7 @@ from transformed import Transformation, in_units, mirrored, placed_at
 from mbd_sim_ros.lab.mechanisms.families import FAMILIES, draw
 from mbd_sim_ros.lab.mechanisms.references import difference, measured
 from mbd_sim_ros.lab.studies import crank
+from solver.analysis.verdict import findings
 from solver.files.scene import load_scene
 from solver.inputs.maneuver import Maneuver
 from solver.model.spec import ModelSpec
@@ -112,6 +113,26 @@ def test_it_moves_alike_in_a_mirror(name: str) -> None:
 def test_it_moves_alike_in_other_units(name: str, length: float, mass: float) -> None:
     given = scene(name, **EXACT)
     moves_alike(given, in_units(length, mass), ROUNDING * carried_on(given), length)
+
+
+@pytest.mark.parametrize(
+    ('length', 'mass', 'time'),
+    [(1e-3, 1e-9, 1.0), (1.0, 1e-12, 1.0), (1.0, 1.0, 3600.0), (1e-3, 1e-6, 1e-2), (50.0, 1e6, 37.0)],
+    ids=['micrograms in mm', 'nanograms', 'hours', 'micro', 'crane'],
+)
+@pytest.mark.parametrize('name', ['tree', 'springs', 'bushings', 'rolling', 'space_loop', 'parallelogram'])
+def test_the_same_mechanism_in_other_units_has_the_same_digits_and_verdict(name: str, length: float, mass: float, time: float) -> None:
+    """With the settings that everybody has: a fixed number of iterations, and no floor in any of its decisions that has a unit."""
+    given, t = scene(name), in_units(length, mass, time)
+    settings = dataclasses.replace(given.integrator, h=round(time * given.integrator.h, 9))
+    there = dataclasses.replace(given, model=t.model(given.model), integrator=settings, duration=time * given.duration)
+    runs = [Simulation(one) for one in (given, there)]
+    for s in runs:
+        s.advance(STEPS)
+    scale = np.array([length] * 3 + [1.0] * 4)
+    found = apart(runs[1].state.q[None] / scale, runs[0].state.q[None])
+    assert found <= 1e-12 * carried_on(given)
+    assert [f.quantity for f in findings(runs[0])] == [f.quantity for f in findings(runs[1])]
 
 
 @pytest.mark.parametrize('name', MECHANISMS)

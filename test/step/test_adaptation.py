@@ -36,7 +36,7 @@ STEERED = """
 mechanism:
   gravity: [0, 0, 0]
   bodies:
-    r: {{mass: {m}, inertia: [1, 1, 1]}}
+    r: {{mass: {m}, inertia: [{I}, {I}, {I}]}}
     w: {{mass: {m}, inertia: [{J}, {J}, {J}]}}
   joints:
     rack: {{kind: prismatic, i: world, j: r, at: [0, 0, 0], axis: [0, 1, 0]}}
@@ -193,7 +193,7 @@ def test_steps_follow_the_tolerance_with_its_square_root():
 def test_steps_do_not_know_the_size_of_forces():
     """A steering with a motor, whose force is an internal state, and the same with everything that has kg in it a hundred times as large:
     the same motion by as many steps."""
-    of_one = {'m': 30, 'J': 0.05, 'k': 2e5, 'c': 3e3, 'km': 100, 'cm': 0.5, 't1': 3, 't2': 6, 'f1': 1500, 'f2': 6000}
+    of_one = {'m': 30, 'I': 1, 'J': 0.05, 'k': 2e5, 'c': 3e3, 'km': 100, 'cm': 0.5, 't1': 3, 't2': 6, 'f1': 1500, 'f2': 6000}
     made = []
     for scale in (1.0, 100.0):
         sim = Simulation(load_scene_text(STEERED.format(**{name: repr(scale * value) for name, value in of_one.items()}), 'steered'))

@@ -102,9 +102,10 @@ def mirrored() -> Transformation:
     return Transformation(lambda m: dataclasses.replace(_elements(m, element), gravity=numbers(S @ m.gravity)), there)
 
 
-def in_units(length: float, mass: float) -> Transformation:
-    """Numbers in units of 1/length m and 1/mass kg: length 1000 gives millimetres. Seconds and radians stay."""
-    force, moment = mass * length, mass * length**2
+def in_units(length: float, mass: float, time: float = 1.0) -> Transformation:
+    """Numbers in units of 1/length m, 1/mass kg and 1/time s: length 1000 gives millimetres. Radians stay."""
+    speed, force = length / time, mass * length / time**2
+    moment = force * length
 
     def marker(m: Marker) -> Marker:
         return dataclasses.replace(m, position=numbers(length * np.array(m.position)))
@@ -115,13 +116,14 @@ def in_units(length: float, mass: float) -> Transformation:
         scaled = {'x': x * np.array(given.x), 'y': y * np.array(given.y), 'slope': y / x * np.array(given.slope)}
         return Law(**{name: numbers(values) for name, values in scaled.items()})
 
-    def six(values: Any) -> Any:
-        return numbers(np.array(values) * ([mass] * 3 + [moment] * 3))
+    def six(values: Any, per: float) -> Any:
+        return numbers(np.array(values) * ([force / length / per] * 3 + [moment / per] * 3))
 
     def element(section: str, s: Any) -> Any:
         if section == 'bodies':
-            at = {name: numbers(length * np.array(getattr(s, name))) for name in ('com', 'position', 'velocity')}
-            return s.replace(mass=mass * s.mass, inertia=numbers(moment * np.array(s.inertia)), **at)
+            at = {name: numbers(length * np.array(getattr(s, name))) for name in ('com', 'position')}
+            at |= {'velocity': numbers(speed * np.array(s.velocity)), 'angular_velocity': numbers(np.array(s.angular_velocity) / time)}
+            return s.replace(mass=mass * s.mass, inertia=numbers(mass * length**2 * np.array(s.inertia)), **at)
         s = s.replace(**_markers(s, marker))
         match section:
             case 'joints' if s.length is not None:
@@ -129,12 +131,12 @@ def in_units(length: float, mass: float) -> Transformation:
             case 'contacts' if s.radius is not None:
                 return s.replace(radius=length * s.radius)
             case 'spring_dampers':
-                laws = {'spring': law(s.spring, length, force), 'damper': law(s.damper, length, force)}
+                laws = {'spring': law(s.spring, length, force), 'damper': law(s.damper, speed, force)}
                 return s.replace(free_length=length * s.free_length, preload=force * s.preload, **laws)
             case 'bushings':
-                return s.replace(stiffness=six(s.stiffness), damping=six(s.damping))
-            case 'coordinate_forces':
-                laws = {'spring': law(s.spring, 1.0, moment), 'damper': law(s.damper, 1.0, moment)}
+                return s.replace(stiffness=six(s.stiffness, 1.0), damping=six(s.damping, 1.0 / time))
+            case 'coordinate_forces':  # of rotations, which are all that the drafts have
+                laws = {'spring': law(s.spring, 1.0, moment), 'damper': law(s.damper, 1.0 / time, moment)}
                 return s.replace(preload=moment * s.preload, input_gain=moment * s.input_gain, **laws)
             case 'applied_forces':
                 return s.replace(force=numbers(force * np.array(s.force)), torque=numbers(moment * np.array(s.torque)))
@@ -143,4 +145,7 @@ def in_units(length: float, mass: float) -> Transformation:
     def there(q: np.ndarray) -> np.ndarray:
         return q * ([length] * 3 + [1.0] * 4)
 
-    return Transformation(lambda m: dataclasses.replace(_elements(m, element), gravity=numbers(length * np.array(m.gravity))), there)
+    def model(m: ModelSpec) -> ModelSpec:
+        return dataclasses.replace(_elements(m, element), gravity=numbers(length / time**2 * np.array(m.gravity)))
+
+    return Transformation(model, there)
