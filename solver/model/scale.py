@@ -15,9 +15,9 @@ import numpy as np
 from solver.compiled.portable import norm
 from solver.elements.marker import Marker
 from solver.model.spec import ModelSpec
+from solver.units import MODEL_GRAVITY
 
 LENGTHS = ('length', 'free_length', 'radius')  # fields of elements
-GRAVITY = 9.81  # m/s^2 under which a mechanism of 1 m counts as slow below 1 m/s; with ten times as much that is 0.3 m/s
 STEPS = 1000.0  # in which what rests at its start passes its own length: slower counts as slow; with ten times as many a tenth of it does
 RESTING = 1e-6  # lengths in a step: what is slower at the start rests there; ten times as much would take creep for rest
 
@@ -45,10 +45,11 @@ def length_of(spec: ModelSpec) -> float:
 def slow_speed(length: float, gravity: float, speed: float, acceleration: float, h: float) -> float:
     """Speed [m/s] below which motions of a mechanism of that length [m] count as slow.
 
-    That of its fall under gravity [m/s^2], by Froude's number. Where nothing weighs: its largest speed at the start, or
-    what the acceleration at the start [m/s^2] gives it; where it rests there, its length in STEPS steps of h [s].
+    That of its fall under gravity [m/s^2], by Froude's number: 1 m/s of a model of 1 m under MODEL_GRAVITY. Where
+    nothing weighs: its largest speed at the start, or what the acceleration at the start [m/s^2] gives it; where it
+    rests there, its length in STEPS steps of h [s].
     """
     if gravity > 0.0:
-        return math.sqrt(length * gravity / GRAVITY)
+        return math.sqrt(length * gravity / MODEL_GRAVITY)
     found = max(speed, math.sqrt(length * acceleration))
     return found if found > RESTING * length / h else length / (STEPS * h)
