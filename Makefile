@@ -68,7 +68,7 @@ $(INSTALLED): setup.py setup.cfg pyproject.toml Makefile | python
 	@touch $@
 
 $(TOOLS): setup.py setup.cfg pyproject.toml Makefile | python
-	$(call environment,[$(ROS)test,dev])
+	$(call environment,[$(ROS)test$(,)dev])
 	@touch $@ $(INSTALLED)
 
 # What `mbd` itself needs: kernels can be compiled while `make tools` brings the rest.

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> Result:
 
     for kind in args.kinds:
         if kind not in USES:
-            raise SpecError(f'mbd list {kind}: there is no such kind{suggestion(kind, USES)}')
+            raise SpecError(f'mbd list: there is no kind {kind!r}{suggestion(kind, USES)}')
     data: dict[str, Any] = {'status': 'ok', 'directories': [str(directory) for directory in config_directories()]}
     parts = []
     for kind in dict.fromkeys(args.kinds or USES):
@@ -65,10 +65,11 @@ def _studies() -> list[dict[str, Any]]:
 
 
 def _own(entry: Entry) -> bool:
-    """True of a file of the user: it lies below the current directory, and not among those that came with the program."""
+    """True of a file of the user: it was found from the current directory, and that is not the one that came with the program."""
     from solver.files.search_path import CHECKOUT
 
-    return not entry.file.is_relative_to(CHECKOUT) and entry.file.is_relative_to(Path.cwd())
+    here = (Path.cwd() / entry.include, Path.cwd() / 'config' / entry.include)
+    return entry.file in here and not entry.file.is_relative_to(CHECKOUT)
 
 
 def _line(one: dict[str, Any]) -> str:

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> Result:
 
 def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory: Path) -> Result:
     """The same once more: every message must be the same bytes."""
-    from mbd_sim_ros import interrupts
+    from mbd_sim_ros import compiling, interrupts
     from mbd_sim_ros.analysis.comparison import compare
     from mbd_sim_ros.bags import reader as bag
     from mbd_sim_ros.bags.inputs import content
@@ -87,6 +87,7 @@ def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory
     from solver.files.scene import load_scene_text
 
     scene = load_scene_text(before.metadata['resolved_scene'], f'scene in {args.bag}', _own_start(args.bag, before, applied))
+    compiling.tell(not args.json, scene.model)
     simulation = simulation_of(scene)
     own = scene.integrator.kind in KINDS  # the others follow the maneuver of the scene at any time they like
     if applied.first and not own:
@@ -131,7 +132,7 @@ def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory
 
 def _of_topics(args: argparse.Namespace, before: Content, applied: Inputs) -> Result:
     """A recording of the topics of the node: every message must be the bytes that its step has, of whichever topics were recorded."""
-    from mbd_sim_ros import interrupts
+    from mbd_sim_ros import compiling, interrupts
     from mbd_sim_ros.batch import simulate, warm_up
     from mbd_sim_ros.messages.encode import Messages
     from solver import simulation_of
@@ -146,6 +147,7 @@ def _of_topics(args: argparse.Namespace, before: Content, applied: Inputs) -> Re
             f'{args.bag} was recorded with a step of {applied.h_ns * 1e-9:g} s, and that of {name} is {scene.integrator.h_ns * 1e-9:g} s: '
             'it is another scene, or had overrides'
         )
+    compiling.tell(not args.json, scene.model)
     simulation = simulation_of(scene)
     if {*applied.rows} != {*simulation.channels.inputs}:
         raise SpecError(f'{args.bag} has the inputs {", ".join(applied.rows)}, and {name} has {", ".join(simulation.channels.inputs)}')
@@ -290,6 +292,7 @@ def different_topics(before: Content, after: Content, *, lost: bool = False) -> 
 
 def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directory: Path) -> Result:
     """With other settings or another vehicle, driven by the same inputs: the channels side by side."""
+    from mbd_sim_ros import compiling
     from mbd_sim_ros.analysis import runs
     from mbd_sim_ros.analysis.comparison import compare
     from mbd_sim_ros.analysis.pairing import with_doubts_of
@@ -316,6 +319,7 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
     steps = (applied.last - applied.first) * applied.h_ns // h_ns
     drive = _maneuver(args.bag, applied)[:1]
     scene = load_scene_text(text, name, [*overrides, *drive, f'duration={steps * h_ns * 1e-9!r}'])
+    compiling.tell(not args.json, scene.model)
     simulation = simulation_of(scene)
     if before.state is None:
         figures = simulate(simulation, steps, directory=directory, progress=not args.json)

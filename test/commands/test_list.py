@@ -39,7 +39,7 @@ def test_kinds_are_arguments(capsys: pytest.CaptureFixture[str]) -> None:
     assert listed(capsys, 'tires', 'roads', 'tires').keys() == {'status', 'directories', 'tires', 'roads'}
     for wrong, meant in (('scene', 'scenes'), ('vehicels', 'vehicles'), ('tyres', 'tires')):
         assert main(['list', 'roads', wrong]) == 2
-        assert capsys.readouterr().err == f'mbd list {wrong}: there is no such kind; did you mean {meant!r}?\n'
+        assert capsys.readouterr().err == f'mbd list: there is no kind {wrong!r}; did you mean {meant!r}?\n'
     assert main(['list', 'xyz', '--json']) == 2
     assert 'allowed: maneuvers, mechanisms, roads' in json.loads(capsys.readouterr().out)['error']
 
@@ -54,8 +54,12 @@ def test_files_of_the_user_are_listed_with_their_path(
     assert main(['list', 'vehicles']) == 0
     text = capsys.readouterr().out
     assert 'A coupe (vehicles/coupe.yaml)\n' in text and '  (vehicles/silent.yaml)\n' in text
+    installed_here = tmp_path / '.venv' / 'share' / 'mbd_sim_ros' / 'config' / 'vehicles'
+    installed_here.mkdir(parents=True)
+    (installed_here / 'of_package.yaml').write_text('kind: car\n')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / '.venv'))
     own = {one['name']: one['own'] for one in listed(capsys, 'vehicles')['vehicles']}
-    assert own['coupe'] and own['silent'] and not own['full_car']
+    assert own['coupe'] and own['silent'] and not own['full_car'] and own['of_package'] is False
 
 
 @pytest.mark.slow

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from mbd_sim_ros.commands.main import parser
 
 ROOT = Path(__file__).parents[2]
 OLDER = """#!/bin/sh
@@ -43,6 +46,31 @@ def test_a_name_that_is_no_python_ends_make_setup_at_once(name: str, tmp_path: P
     done = make('setup', f'PYTHON={name}', f'VENV={tmp_path / "venv"}')
     assert done.returncode == 2
     assert done.stdout.startswith(f'{name} is no Python that can be started: name another one') and done.stdout.count('\n') == 1
+
+
+def test_each_target_brings_what_it_needs_and_no_more(tmp_path: Path) -> None:
+    """Users have the program and ROS, and are told what to type next; lint and tests bring their own tools before they run."""
+    venv = f'VENV={tmp_path / "venv"}'
+    setup, runtime = make('-n', 'setup', venv).stdout, make('-n', 'runtime', venv).stdout
+    assert "-e '.[ros]'" in setup or "-e '.'" in setup
+    assert '[test' not in setup and ',test' not in setup and 'dev]' not in setup
+    assert setup.rstrip().endswith('echo "$NEXT"') and 'NEXT' not in runtime and "-e '.'" in runtime
+    for target in ('tools', 'lint', 'check', 'test', 'wheel'):
+        done = make('-n', target, venv).stdout
+        assert 'test,dev]' in done and done.index('test,dev]') < (done + '-m pytest').index('-m pytest') and 'NEXT' not in done, target
+
+
+def test_setup_ends_with_commands(tmp_path: Path) -> None:
+    """What is there is not made anew; what is said then are commands."""
+    (tmp_path / 'bin').mkdir()
+    (tmp_path / 'bin' / 'python').symlink_to(sys.executable)
+    (tmp_path / '.installed').touch()
+    done = make('setup', f'VENV={tmp_path}')
+    assert (done.returncode, done.stderr) == (0, '')
+    told = [line.strip() for line in done.stdout.splitlines() if line.strip().startswith('mbd ')]
+    assert len(told) == 3 and f'. {tmp_path}/bin/activate' in done.stdout
+    for line in told:
+        parser().parse_args(shlex.split(line, comments=True)[1:])
 
 
 def test_what_runs_after_every_edit_has_no_test_that_a_release_waits_for() -> None:
