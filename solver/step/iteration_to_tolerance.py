@@ -22,6 +22,7 @@ from solver.step.iteration import (
     measured_increment,
     remaining,
 )
+from solver.step.iteration_fixed import NEGLIGIBLE, is_closed_by_the_end
 from solver.step.stage import copy_rows
 from solver.step.work import NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 
@@ -102,6 +103,12 @@ def iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work):
         increment, part, where = measured_increment(c, speed, work)
         if where >= 0:
             status = NON_FINITE
+            break
+        grows = refactor and part == 1.0 and before > 0.0 and increment > max(STAGNATION * before, NEGLIGIBLE)
+        if grows and is_closed_by_the_end(tables, J_end, before, work):
+            residual = before  # the next iterates would be settled in all directions but the one that is hardly seen
+            status = OK
+            stagnated = 1
             break
         add_increment(part, s1, work)
         rate = increment / before if before > 0.0 else 1.0
