@@ -21,7 +21,7 @@ from solver.start.placement import Changes
 from solver.step.adaptation import Adaptation, is_idle
 from solver.step.augmented_lagrangian import advance
 from solver.step.control import Event
-from solver.step.extrapolation import extrapolate, require_resolved_friction
+from solver.step.extrapolation import extrapolate, require_resolved_bushings, require_resolved_friction
 from solver.step.work import OK
 
 KINDS = ('alf', 'm_alf')  # of integrators
@@ -47,6 +47,7 @@ class Stepping:
             fourth = 0
             if settings.order == 4:
                 require_resolved_friction(self.shown.model, settings.h)
+                require_resolved_bushings(self.shown.model, settings.h)
                 masses = Ref(new_saddle(self.shown.model, CONDENSED))
                 fourth = address_of(extrapolate, self.shown.model.tables, masses, *bodies.step_arguments[2:], True, True, bodies.work)
             self.adaptation = Adaptation(self.shown.model, settings, bodies.scheme, bodies.work, hold, fourth)

@@ -27,9 +27,9 @@ from solver.compiled.kernel import YES, kernel
 from solver.compiled.so3 import log_quaternion, matrix_of_quaternion, quaternion_corrected, quaternion_exp, quaternion_product
 from solver.compiled.vec import load33, mv, scale, store33
 from solver.errors import SpecError
-from solver.model.evaluate import add_constraint_forces, constraint_input_rates, constraint_rates, evaluate_constraints
+from solver.model.evaluate import add_constraint_forces, constraint_input_rates, constraint_rates, evaluate_constraints, evaluate_forces
 from solver.model.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, solve_saddle
-from solver.model.state import update_angles
+from solver.model.state import kinematics_of, placed_configuration, update_angles
 from solver.model.tables import Model
 from solver.step.augmentation import begin_augmentation, combine
 from solver.step.augmented_lagrangian import body_not_finite, outputs_at_end, position_drift, violated_rates
@@ -43,6 +43,9 @@ SPACING = 1e-3  # lengths of the model, or rad, between the places at which the 
 PASSES = 10  # passes of a projection or an acceleration at most; it ends before when a pass does not halve the residual
 EXACT = 1e-13  # relative residual of a projection or an acceleration at which it ends; digits beyond it are rounding
 RESOLVED = 0.5  # of a step, at least what a wind-up of friction takes to relax: from less on it swings from step to step
+# Phase in a step [rad] of a vibration on bushings, up to which their damping keeps it from growing under extrapolation: the car
+# with bushings is right at 2.1, and its energy grows without bounds at 4.2.
+SHAKEN = 2.5
 # Kinds of elements with friction, and its stiffness and damping there.
 FRICTION = {'brakes': ('stiffness', 'damping'), 'clutches': ('stiffness', 'damping'), 'guides': ('brake_stiffness', 'brake_damping')}
 
@@ -59,6 +62,35 @@ def require_resolved_friction(model: Model, h: float) -> None:
                     f'stiffness), which steps of {h:g} s do not resolve: it would grow; give a damping of {least:.3g} N m s/rad or '
                     f'more, or take integrator.order: 2'
                 )
+
+
+def require_resolved_bushings(model: Model, h: float) -> None:
+    """Raise SpecError if a body that bushings hold vibrates on what acts on it by more than SHAKEN rad in a step h [s]."""
+    held = sorted({m.body for spec in model.spec.bushings for m in (spec.i, spec.j)} & set(model.body_names))
+    if not held:
+        return
+    nb, bodies = model.n_bodies, model.tables.bodies
+    kin = kinematics_of(placed_configuration(model.spec.bodies), np.zeros((nb + 1, 6)))
+    Kq, Kv = np.zeros((2, model.n_slots + 1, 6, 6))
+    u, angle, z = np.zeros(len(model.spec.inputs)), np.zeros(len(model.coordinate_names)), np.zeros(model.n_internal)
+    evaluate_forces(model.tables, kin, angle, z, 0.0, u, True, np.zeros((nb + 1, 6)), Kq, Kv, z.copy(), model.new_outputs())
+    fastest, body = 0.0, ''
+    for name in held:
+        b = model.body_names.index(name)
+        masses = np.zeros((6, 6))
+        masses[:3, :3], masses[3:, 3:] = bodies.mass[b] * np.eye(3), bodies.inertia[b]
+        moments = np.linalg.eigvalsh(masses)
+        if moments[0] > 0.0:
+            to_unit = np.linalg.inv(np.linalg.cholesky(masses))
+            stiffness = -to_unit @ Kq[bodies.slot[b]] @ to_unit.T
+            square = float(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))[-1])
+            if square > fastest * fastest:
+                fastest, body = square**0.5, name
+    if fastest * h > SHAKEN:
+        raise SpecError(
+            f'integrator: order = 4: body {body!r} vibrates on its bushings with {fastest:.3g} rad/s, which grows under extrapolation '
+            f'with steps of {h:g} s; it would take {SHAKEN / fastest:.2g} s, and order two is cheaper then: take integrator.order: 2'
+        )
 
 
 @kernel(inner=True)

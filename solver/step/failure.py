@@ -9,6 +9,7 @@ from solver.compiled.portable import norm, norms, product
 from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
 from solver.output.account import noted
+from solver.output.dependence import RANK_TOLERANCE, scaled_jacobian
 from solver.output.energy import contradicts
 from solver.step.iteration_fixed import MOST_ITERATIONS
 from solver.step.settings import IntegratorSettings
@@ -16,6 +17,7 @@ from solver.step.work import BAD_INPUT, INACCURATE, NON_FINITE, NOT_CONVERGED, S
 
 ROUNDING_PENALTY = 1e7  # with larger ones solutions of the condensed form of a car have errors that show (docs/formulation.md, "Rounding")
 MORE_DIGITS = 'give their markers and axes with more digits, or a joint with fewer rows'
+HARDLY = 0.05  # singular value of rows of unit norm, below which a direction is hardly held; ten times as much is a common linkage
 FLAT = 0.03  # rad that a disc leans from its plane
 LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
 
@@ -45,7 +47,14 @@ def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: Sta
         smallest, remedy = f'the smallest step integrator.h_min = {settings.h_min:g}', 'reduce it'
     if result.status == INACCURATE:
         tolerance = settings.error_tolerance
-        return when + f'the error stays above integrator.error_tolerance = {tolerance:g} with {smallest}; {remedy} or allow more'
+        said = f'the error stays above integrator.error_tolerance = {tolerance:g} with {smallest}'
+        row = _next_to_singular(model, work)
+        if row:
+            return when + (
+                f'{said}: the mechanism passes next to a singular position, where constraint {row!r} hardly holds it and rounding '
+                'alone leaves more; take integrator.step_policy: rescue, the default, which passes it'
+            )
+        return when + f'{said}; {remedy} or allow more'
     assert result.status == NOT_CONVERGED
     phi, account = work.phi_end, work.account
     worst = int(np.argmax(np.abs(phi))) if model.n_rows else -1
@@ -67,6 +76,15 @@ def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: Sta
         remedy = f'the disc of contact {fallen!r} has fallen flat on its plane, where it has no lowest point to roll on: end the run before'
     tried = max(scheme.iterations, MOST_ITERATIONS if scheme.fixed == 1 else 0)
     return when + f'no convergence in {tried} iterations (residual {result.counters.residual:.2g}{name}); {remedy}'
+
+
+def _next_to_singular(model: Model, work: Ref) -> str:
+    """The row of constraints that has most of what they hardly hold, next to a singular position; or nothing."""
+    if not model.n_rows:
+        return ''
+    U, held, _ = np.linalg.svd(scaled_jacobian(model, work.J_end), full_matrices=False)
+    weak = (held > RANK_TOLERANCE) & (held < HARDLY)
+    return model.row_names[int(np.argmax(np.abs(U[:, np.flatnonzero(weak)[0]])))] if weak.any() else ''
 
 
 def _fallen_disc(model: Model, state: State) -> str:

@@ -22,7 +22,8 @@ class IntegratorSettings:
     multibody codes [Bayo1988] (h_R = lam_R, m_R = 1), 'reference_*' independent slow solutions of the same model.
     h: step [s], a whole number of nanoseconds. rho_inf: spectral radius at infinite frequency, 0 (strong damping) to 1 (none).
     order: 2, or 4 by extrapolation of steps of h and h / 2 (needs rho_inf 1): three times the work for accuracy where motions are smooth
-    and nothing stiff is left unresolved. Motions are prescribed with that accuracy, force-like inputs are held over a step.
+    and nothing stiff is left unresolved, with three iterations at least. Motions are prescribed with that accuracy, force-like inputs are
+    held over a step.
     mode: 'fixed' spends `iterations` Newton iterations per step, and more, up to 20, only where they do not contract (a stop is hit, a
     wheel lands), leave more than the step itself loses, or where the last one was above 0.01 of the largest velocity (a torque that is
     there at once); 'tolerance' iterates until the relative residual and increment are below `tolerance` or `max_iterations` is reached.
