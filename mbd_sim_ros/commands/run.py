@@ -5,10 +5,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbd_sim_ros.commands import Result, add_scene, declare, table
 from mbd_sim_ros.commands.scene_keys import KEYS, add_keys, overrides_of
+
+if TYPE_CHECKING:
+    from solver.scene import Scene
 
 FIGURES = {
     'steps': 'd',
@@ -37,6 +40,9 @@ def add(parsers: Any) -> None:
     error.add_argument(
         '--no-error', action='store_true', help='do not measure the numerical error, which takes half the steps again; the verdict says so'
     )
+    error.add_argument(
+        '--accuracy', action='store_true', help='also measure errors by their origin (model, step, iteration) against a converged reference'
+    )
     where = parser.add_mutually_exclusive_group()
     where.add_argument('--out', metavar='DIR', type=Path, help='new directory for the recording (default: bags/<scene>-<date>)')
     where.add_argument('--no-record', action='store_true', help='record nothing')
@@ -48,6 +54,7 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.bags.recorder import new_directory
     from mbd_sim_ros.batch import simulate
     from solver import simulation_of
+    from solver.analysis.kept_errors import keep
     from solver.files.scene import load_scene
     from solver.files.tire_receipt import told_of_tires
     from solver.vehicle.wheel_end import told_of_fit
@@ -59,6 +66,8 @@ def run(args: argparse.Namespace) -> Result:
     options: dict[str, Any] = {'progress': not args.json, 'balance': args.balance, 'error': not args.no_error}
     data = simulate(simulation, simulation.scene.steps, directory=directory, **options)
     covered = data.pop('covered')
+    if data['errors']:
+        keep(simulation.scene, data['error_text'])
     data = {'scene': scene.name, **data, 'start': simulation.start.report()}
     if told := told_of_tires(scene.model.tires) + told_of_fit(scene.model):
         data['tires'] = told
@@ -68,10 +77,29 @@ def run(args: argparse.Namespace) -> Result:
 
         certificate = certificate_of(scene)
         data['accuracy'] = {'required': [*scene.require.accuracy], 'certificate': None if certificate is None else certificate.hash}
+    by_origin = ''
+    if args.accuracy:
+        data['origins'], by_origin = _origins(scene)
     violations = [f'{f["quantity"]}: {f["text"]}' for f in data['findings'] if f['required']]
     if violations:
         data['violations'] = violations
-    return Result(data=data, text=describe(data, str(simulation.start), covered), code=0 if data['passed'] else 1)
+    text = describe(data, str(simulation.start), covered) + by_origin
+    return Result(data=data, text=text, code=0 if data['passed'] else 1)
+
+
+def _origins(scene: Scene) -> tuple[dict[str, Any], str]:
+    """(errors of the run by origin as objects for JSON, as a table); a signal ends their measurement."""
+    from mbd_sim_ros import interrupts
+    from solver.trade.origins import origins_of, report, rows
+    from solver.trade.runs import Stopped
+
+    interrupts.now(f'measuring the errors of {scene.name} by origin; its run is done')
+    try:
+        found = origins_of(scene, stop=lambda: bool(interrupts.received()))
+        return report(found), f'\n\n{table(rows(found))}'
+    except Stopped:
+        interrupts.check()
+        raise
 
 
 def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, Any]] = ()) -> str:

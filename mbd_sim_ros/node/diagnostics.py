@@ -11,6 +11,7 @@ from mbd_sim_ros.node.commands import commanded
 from mbd_sim_ros.node.loop import Loop
 from solver.analysis.certificate_coverage import Weighed, weighed
 from solver.analysis.envelope import Envelope
+from solver.analysis.kept_errors import NONE
 from solver.analysis.verdict import status_of
 from solver.checks.level import ENVELOPE
 from solver.errors import BagError
@@ -45,11 +46,13 @@ def diagnosis(
     envelope: Envelope | None = None,
     unpublished: Mapping[str, int] | None = None,
     unmatched: Sequence[str] = (),
+    error: str = NONE,
 ) -> DiagnosticStatus:
     """Level, message and values since the last call; name and hardware_id are left to the caller.
 
     refused: commands that were no numbers or named no input. namesakes: other nodes of the same name. envelope: see judged.
     unpublished: messages that the budget of publishing dropped, by topic. unmatched: what the graph does not match (see node.graph).
+    error: the numerical error of this scene, as it was measured at another time (solver.analysis.kept_errors).
     """
     health = loop.health()
     values = {
@@ -90,6 +93,7 @@ def diagnosis(
     suspect, covered, _ = _weighed(loop.simulation, envelope)
     values['findings'] = len(suspect)
     values['verdict'] = status_of(suspect)
+    values['numerical error'] = error
     if covered:
         values['covered by the certificate'] = '; '.join(map(str, covered))
     if envelope is not None:

@@ -29,6 +29,7 @@ from mbd_sim_ros.node.publish import Publication
 from mbd_sim_ros.node.recording import Recording
 from mbd_sim_ros.node.ticks import Ticks
 from solver.analysis.envelope import Envelope
+from solver.analysis.kept_errors import NONE, kept
 from solver.errors import BagError, MbdError, SpecError
 from solver.findings import Finding
 from solver.inputs.command_filter import commands_of, place_of
@@ -77,6 +78,7 @@ class Running:
         if first and self.value('restore') and (text := self.driving.restore(Path(self.value('restore')))):
             node.get_logger().warning(text)
         self.envelope = Envelope(simulation)
+        self.error = kept(simulation.scene) if hasattr(simulation, 'engine') else NONE  # a stand-in has no scene of its own
         self._urdf = self.value('robot_description') or simulation.urdf()
         with ExitStack() as refused:  # whatever does not start leaves nothing in the graph
             self._connect(self.value('out') if first else '', refused)

@@ -165,7 +165,7 @@ class Simulator(Node):
         status = diagnosis(
             self.loop, recording.recorder, recording.failed,
             refused=running.commands.refused, namesakes=self._namesakes, envelope=running.envelope, unpublished=running.dropped,
-            unmatched=unmatched,
+            unmatched=unmatched, error=running.error,
         )  # fmt: skip
         status.name = f'{full}: simulation'
         status.hardware_id = running.scene.name

@@ -11,6 +11,7 @@ import pytest
 from mbd_sim_ros.batch import simulate
 from solver import Simulation, load_scene, load_scene_text, simulation_of
 from solver.analysis.error_bar import FEWEST, MOST, Twin, instants
+from solver.analysis.kept_errors import NONE, keep, kept
 
 OSCILLATOR = """
 mechanism:
@@ -150,3 +151,16 @@ def test_a_limit_that_a_scene_requires_takes_the_place_of_the_published_ones() -
     assert (found['required'], found['of'], data['passed']) == (True, 'joint_states/g/position max', False)
     _, data = bar(PENDULUM, 'integrator.h=0.01', 'require={joint_states/g/position: {max: 0.1 rad}}')
     assert (data['status'], data['passed']) == ('ok', True)
+
+
+def test_what_was_measured_is_known_for_the_same_scene_and_step_alone(tmp_path, monkeypatch) -> None:
+    """Whatever divides steps that fail, which the node does not; another step, maneuver or vehicle has another error."""
+    monkeypatch.setenv('MBD_CACHE_DIR', str(tmp_path))
+    scene = load_scene('pendulum')
+    assert kept(scene) == NONE
+    keep(scene, 'Numerical error (double step): little')
+    node = load_scene('pendulum', ['integrator.step_policy=constant', 'record.every=7'])
+    assert kept(node) == 'Numerical error (double step): little (measured by mbd run pendulum, 10 s of its maneuver)'
+    for other in ('integrator.h=0.002', 'integrator.step_policy=error', 'integrator.iterations=2', 'mechanism.gravity=[0, 0, -1]'):
+        more = ['integrator.mode=tolerance'] if 'policy' in other else []
+        assert kept(load_scene('pendulum', [*more, other])) == NONE

@@ -56,6 +56,7 @@ STUDIES: dict[str, str] = {  # name: module
     'mechanisms': 'mbd_sim_ros.lab.studies.mechanisms',
     'verdicts': 'mbd_sim_ros.lab.studies.verdicts',
     'stability': 'mbd_sim_ros.lab.studies.stability',
+    'error_bars': 'mbd_sim_ros.lab.studies.error_bars',
     'constants': 'mbd_sim_ros.lab.studies.constants',
     'change_points': 'mbd_sim_ros.lab.studies.change_points',
 }
