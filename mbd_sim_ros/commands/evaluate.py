@@ -56,6 +56,11 @@ def add(parsers: Any) -> None:
         '--dbc', metavar='FILE', type=Path, action='append', default=[], help='database of the frames in a CAN log (repeatable)'
     )
     parser.add_argument('--html', metavar='FILE', type=Path, help='page with all figures and curves to zoom into, in one file')
+    parser.add_argument(
+        '--errors',
+        action='store_true',
+        help='numerical errors of the figures of our own recordings: simulates each again, with the double step',
+    )
     parser.add_argument('--strict', action='store_true', help='exit code 1 where a limit of the norm is not kept')
 
 
@@ -64,6 +69,7 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros import interrupts
     from mbd_sim_ros.analysis import mapping
     from mbd_sim_ros.analysis.evaluation import judging
+    from mbd_sim_ros.analysis.evaluation.intervals import with_intervals
 
     if args.list:
         return listed()
@@ -83,7 +89,8 @@ def run(args: argparse.Namespace) -> Result:
         interrupts.now(f'judging {place}')
         recording, held, scene = judging.read(place, sources, axes, time, args.dbc, log_times=args.log_times)
         evaluation = judging.meant(scene, args.name, str(place))
-        results.append(judging.judge(evaluation, recording, str(place), given, held=held, scene=scene, mapped=bool(sources or axes)))
+        result = judging.judge(evaluation, recording, str(place), given, held=held, scene=scene, mapped=bool(sources or axes))
+        results.append(with_intervals(evaluation, result, place, given) if args.errors else result)
     return report(results, html=args.html, strict=args.strict)
 
 

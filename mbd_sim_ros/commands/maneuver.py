@@ -47,6 +47,11 @@ def add(parsers: Any) -> None:
     )
     what = 'change one value of the scene (integrator.h=0.002), or a parameter of the evaluation in SI units (low=0.5); repeatable'
     add_settings(parser, what, '--with')
+    parser.add_argument(
+        '--no-error',
+        action='store_true',
+        help='do not measure the numerical errors of the figures, which simulates runs again with the double step',
+    )
     parser.add_argument('--strict', action='store_true', help='exit code 1 where a limit of the norm is not kept')
 
 
@@ -73,6 +78,7 @@ def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Ev
     """Drive the maneuvers that are not recorded yet, judge all, write the report. Raises the error of the first if all
     fail."""
     from mbd_sim_ros.analysis.evaluation import judging
+    from mbd_sim_ros.analysis.evaluation.intervals import with_intervals
     from mbd_sim_ros.analysis.pages import write_text
     from mbd_sim_ros.commands.evaluate import report
     from solver.disk import plain
@@ -84,6 +90,8 @@ def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Ev
             places, before = driving.drive(evaluation)
             read = [(place, *judging.read(place)) for place in places]
             judged = [judging.judge(evaluation, run, str(place), given, held=held, scene=scene) for place, run, held, scene in read]
+            ends = () if args.no_error else {0, len(judged) - 1}  # of a series the first and the last run
+            judged = [with_intervals(evaluation, one, places[k], given) if k in ends else one for k, one in enumerate(judged)]
             said = driving.speed_note(evaluation)
             results += [dataclasses.replace(one, notes=(*one.notes, said)) for one in judged] if said else judged
         except MbdError as error:

@@ -8,7 +8,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from mbd_sim_ros.commands import Result, declare, names_of, offer, table
 from solver.disk import alone
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     Values = dict[str, float | str]
 
+SAMPLED = 8  # cases of a sweep whose numerical error is measured; ten times as many would be nearly all of a small one
 EXAMPLE = """mbd sweep sweep.yaml --out out/sweep
   mbd sweep sweep.yaml --workers 8 --out out/sweep           # Ctrl-C, and again: goes on where it was
   mbd sweep sweep.yaml --scheduler tcp://10.0.0.1:8786 --out out/sweep
@@ -115,6 +116,7 @@ def _rows(
             figures=sweep.figures,
             rows=kept,
             bags=str(bags.resolve()) if sweep.record else '',
+            twin=_twin(sweep, i, len(values)),
         )
         for i, one in enumerate(values)
     ]
@@ -129,11 +131,36 @@ def _rows(
     return sorted(rows, key=lambda row: row['case'])
 
 
+def _twin(sweep: Sweep, case: int, count: int) -> Literal['', 'told', 'decides']:
+    """How the error of a case of so many is measured: of a sample that of the first in every SAMPLED part of the design."""
+    if sweep.errors == 'all':
+        return 'decides'
+    parts = min(SAMPLED, count)
+    return 'told' if sweep.errors == 'sample' and case in {k * count // parts for k in range(parts)} else ''
+
+
+def _errors(sweep: Sweep, errors: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Numerical errors of the cases in which they were measured: how many, the sentence on the worst, and the largest of every figure."""
+    found = [one for one in errors if one]
+    of = {name: [one['figures'][name] for one in found if one['figures'][name] is not None] for name in sweep.figures}
+    worst = max(found, key=lambda one: one['share'], default={'text': ''})
+    return {'cases': len(found), 'worst': worst['text'], 'figures': {name: max(some) if some else None for name, some in of.items()}}
+
+
+def _told(errors: dict[str, Any], count: int) -> str:
+    if not errors['cases']:
+        return 'numerical error: not measured'
+    largest = ', '.join(f'{name} {value:.2g}' for name, value in errors['figures'].items() if value is not None)
+    return f'numerical error, measured in {errors["cases"]} of {count} cases: at most {largest}. The worst: {errors["worst"]}'
+
+
 def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dict[str, str]) -> Result:
     """The table, the report and what is said of them."""
     from mbd_sim_ros.analysis.pages import write_text
+    from mbd_sim_ros.sweep.design import ERRORS
     from mbd_sim_ros.sweep.table import known_to, no_indices, sensitivities, write_report, write_table
 
+    errors = [row.pop(ERRORS, {}) for row in rows]
     indices = sensitivities(sweep, rows)
     file = write_table(rows, args.out)
     report = write_report(sweep, rows, indices, units, args.out, f'{sweep.scene}: {len(rows)} cases, {sweep.design.kind}')
@@ -146,8 +173,10 @@ def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dic
         'table': str(file),
         'report': str(report),
         'sensitivities': indices,
+        'errors': _errors(sweep, errors),
     }
     lines = [f'{len(rows)} cases: ' + ', '.join(f'{n} {status}' for status, n in counts.items()), f'{file}', f'{report}']
+    lines.append(_told(data['errors'], len(rows)))
     for figure, found in indices.items():
         keys = list(next(iter(found.values())))
         lines.append(table([(figure, *keys), *((name, *(f'{one[key]:.4g}' for key in keys)) for name, one in found.items())]))

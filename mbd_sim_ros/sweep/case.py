@@ -9,16 +9,17 @@ import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from mbd_sim_ros.batch import record, warm_up
 from mbd_sim_ros.messages.encode import require_finite
-from mbd_sim_ros.sweep.design import SweepFigure
+from mbd_sim_ros.sweep.design import ERRORS, SweepFigure
 from solver import simulation_of
 from solver.analysis.certificate_coverage import weighed
 from solver.analysis.envelope import Envelope
+from solver.analysis.error_bar import NOT_ASKED, Twin
 from solver.analysis.verdict import ERROR, report, status_of
 from solver.disk import Store, digest, sources
 from solver.errors import BagError, MbdError
@@ -35,7 +36,8 @@ Row = dict[str, Any]
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepCase:
     """One case of a sweep, with all that a process needs to run it. text: the resolved scene. values: of the
-    parameters. rows: directory of the rows, where it can be reached ('' elsewhere); bags: of the recordings, or ''."""
+    parameters. rows: directory of the rows, where it can be reached ('' elsewhere); bags: of the recordings, or ''. twin: whether
+    its numerical error is measured, and whether it decides the status then."""
 
     number: int
     text: str
@@ -44,6 +46,7 @@ class SweepCase:
     figures: Mapping[str, SweepFigure]
     rows: str = ''
     bags: str = ''
+    twin: Literal['', 'told', 'decides'] = ''
 
 
 def row_of(case: SweepCase) -> Row:
@@ -56,17 +59,19 @@ def row_of(case: SweepCase) -> Row:
     except MbdError as error:
         return {**head, 'status': ERROR, 'message': str(error), **nothing}
     asked = json.dumps({name: dataclasses.asdict(figure) for name, figure in case.figures.items()})
-    key = digest(scene.resolved, asked, sources(), *beside).hex()[:24]
+    key = digest(scene.resolved, asked, *([case.twin] if case.twin == 'decides' else []), sources(), *beside).hex()[:24]
     rows, name = Store(Path(case.rows)) if case.rows else None, f'{key}.json'
     if case.bags:  # a bag has the number of its case and what it is of in its name: another file of the sweep numbers its cases anew
         head['bag'] = f'{case.number:06d}-{key[:8]}'
     bag = Path(case.bags) / head['bag'] if case.bags else None
     if rows is not None and (bag is None or bag.is_dir()) and (content := rows.read(name, key)) is not None:
-        return _row(head, json.loads(content))
+        kept = json.loads(content)
+        if kept.get(ERRORS) or not case.twin or kept['status'] == ERROR:
+            return _row(head, kept, case.twin)
     made = None if bag is None else bag.with_name(f'{bag.name}.{case.number}-{os.getpid()}.part')  # what was killed is in nobody's way
     if made is not None:
         shutil.rmtree(made, ignore_errors=True)  # in a container that is started anew processes get the same numbers again
-    found = _run(scene, case.figures, made)
+    found = _run(scene, case.figures, made, case.twin)
     if bag is not None and made is not None and made.is_dir():
         if bag.is_dir():  # it was killed before it kept the row
             shutil.rmtree(made, ignore_errors=True)
@@ -74,12 +79,13 @@ def row_of(case: SweepCase) -> Row:
             made.replace(bag)
     if rows is not None:
         rows.write(name, json.dumps(found).encode(), key)
-    return _row(head, found)
+    return _row(head, found, case.twin)
 
 
-def _row(head: Row, found: Mapping[str, Any]) -> Row:
+def _row(head: Row, found: Mapping[str, Any], twin: str) -> Row:
     figures = {name: math.nan if value is None else value for name, value in found['figures'].items()}
-    return {**head, 'status': found['status'], 'message': found['message'], **figures}
+    measured = {ERRORS: found[ERRORS]} if twin else {}
+    return {**head, 'status': found['status'], 'message': found['message'], **figures, **measured}
 
 
 def overrides_of(values: Mapping[str, float | str]) -> list[str]:
@@ -93,13 +99,14 @@ def _text(value: float | str) -> str:
     return repr(int(value)) if float(value).is_integer() and abs(value) < 1e15 else repr(float(value))
 
 
-def _run(scene: Any, figures: Mapping[str, SweepFigure], bag: Path | None) -> dict[str, Any]:
-    """status, message, figures (None where there is none)."""
+def _run(scene: Any, figures: Mapping[str, SweepFigure], bag: Path | None, asked: str = '') -> dict[str, Any]:
+    """status, message, figures (None where there is none), errors (of figures, and the sentence on the run). asked: SweepCase.twin."""
     found: dict[str, Quantity] = {}
     instants: list[float] = []
     values: list[np.ndarray] = []
     recorder = messages = None
     status, message, told = ERROR, '', list[Finding]()
+    errors: dict[str, Any] = {}
     try:
         simulation = simulation_of(scene)
         found = {name: quantity(figure.quantity, simulation.channels) for name, figure in figures.items()}
@@ -109,6 +116,7 @@ def _run(scene: Any, figures: Mapping[str, SweepFigure], bag: Path | None) -> di
         if bag is not None:
             messages, recorder = record(simulation, bag)
         envelope = Envelope(simulation)
+        twin = Twin(simulation, scene.steps) if asked else None
         look = envelope.every(simulation.h_ns) or sample  # as in a run (mbd_sim_ros.batch)
         while True:  # figures and verdict are of the same instants whether the case is recorded or not
             k, last, snapshot = simulation.k, simulation.k >= scene.steps, simulation.snapshot()
@@ -123,10 +131,16 @@ def _run(scene: Any, figures: Mapping[str, SweepFigure], bag: Path | None) -> di
                     recorder.note(k, simulation.applied)
                 if k % every == 0 or last:
                     recorder.record(snapshot.t_ns, messages.encode(snapshot))
+            if twin is not None:
+                twin.note(snapshot)
             if last:
                 break
-            simulation.advance(min(sample - k % sample, look - k % look, every - k % every, scene.steps - k))
-        told = weighed(simulation, envelope).suspect
+            seen = scene.steps if twin is None or twin.next is None else twin.next
+            simulation.advance(min(sample - k % sample, look - k % look, every - k % every, seen - k))
+        bar = NOT_ASKED if twin is None else twin.made()
+        told = weighed(simulation, envelope, error=bar if asked == 'decides' else NOT_ASKED).suspect
+        if twin is not None and bar.measured:
+            errors = {'text': bar.text, 'share': bar.worst, 'figures': _errors(figures, found, twin)}
         status, message = status_of(told), '; '.join(map(str, told))
     except BagError:
         raise
@@ -136,7 +150,14 @@ def _run(scene: Any, figures: Mapping[str, SweepFigure], bag: Path | None) -> di
         if recorder is not None:
             recorder.close({'status': status, 'findings': json.dumps(report(told))})
     numbers = dict.fromkeys(figures) if status == ERROR else _figures(figures, found, np.array(instants), np.array(values))
-    return {'status': status, 'message': message, 'figures': numbers}
+    return {'status': status, 'message': message, 'figures': numbers, ERRORS: errors}
+
+
+def _errors(figures: Mapping[str, SweepFigure], found: Mapping[str, Quantity], twin: Twin) -> dict[str, float | None]:
+    """Numerical errors of figures, by those of both runs at the instants at which they are compared."""
+    time, rows, others, factor = twin.compared()
+    own, theirs = (_figures(figures, found, time, some) for some in (rows, others))
+    return {name: None if own[name] is None or theirs[name] is None else factor * abs(own[name] - theirs[name]) for name in figures}  # type: ignore[operator]
 
 
 def _figures(

@@ -36,6 +36,7 @@ from solver.validate import finite, require
 TAKES = ('peak', 'rms', 'min', 'max', 'mean', 'final', 'peak_time')
 SENSITIVITY = ('morris', 'saltelli')  # designs from which indices of sensitivity follow
 MOST_CASES = 1_000_000
+ERRORS = 'errors'  # what rows hold beside the columns of the table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +103,8 @@ class SweepFigure:
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """A sweep. set: KEY=VALUE for every case. record: keep the bag of every case."""
+    """A sweep. set: KEY=VALUE for every case. record: keep the bag of every case. errors: whose numerical error is measured, by a twin
+    with another step: of a `sample` of the cases, evenly over the design, `all`, whose errors decide their status then, or `none`."""
 
     scene: str
     parameters: dict[str, Parameter]
@@ -110,11 +112,12 @@ class Sweep:
     set: tuple[str, ...] = ()
     design: Design = field(default_factory=Design)
     record: bool = False
+    errors: Literal['sample', 'all', 'none'] = 'sample'
 
     def __post_init__(self) -> None:
         require(bool(self.parameters), 'sweep', 'parameters', {}, 'must name at least one key of the scene')
         require(bool(self.figures), 'sweep', 'figures', {}, 'must name at least one number to keep')
-        taken = {'case', 'bag', 'status', 'message', *self.parameters} & self.figures.keys()
+        taken = {'case', 'bag', 'status', 'message', ERRORS, *self.parameters} & self.figures.keys()
         require(not taken, 'sweep', 'figures', sorted(taken), 'is another column of the table; take another name')
         places: dict[tuple[str, ...], str] = {}
         for name in self.parameters:

@@ -10,9 +10,9 @@ With error control (`step_policy: error`) the steps follow a tolerance, whose ro
 and a grid of r steps. Recorded inputs are those of the run, or the means of those of two steps. A reference integrator
 controls its own error, and has no twin.
 
-*Not asymptotic*: where both runs are apart by more than COARSE of the peak the estimate is a lower bound, and may be the
-error of the twin alone, which a step of the double size may shake. A run that is suspect by that has a second twin, with
-half the step.
+*Doubt*: an estimate beyond DOUBTFUL of a limit may be the error of the twin alone, which the double step may shake, or too
+small, since errors fall less than they should. Such a run has a second twin with half the step, and its error follows from
+how the distances fall from step to step. Where runs are apart by more than COARSE of the peak, it is a lower bound.
 *Sensitive*: the distance of both runs grew by more than GROWN in the second half of the time that it took to become
 COARSE, LONG steps at least, and not at once. No power of time up to the sixth does that: it grows exponentially, and
 shorter steps only delay it. From when the error reaches its limit only statistics of the motion hold.
@@ -33,6 +33,7 @@ from solver.checks.check import Measured
 from solver.checks.error import LIMITS, NUMERICAL_ERROR
 from solver.errors import MbdError
 from solver.findings import Finding
+from solver.output.energy import contradicts
 from solver.output.snapshot import Snapshot
 from solver.quantities import quantity
 from solver.scene import Accuracy
@@ -41,6 +42,8 @@ from solver.vehicle.size import size_of
 
 MOST = 400  # instants at which two runs are compared; ten times as many would find peaks of a four-thousandth of the run
 FEWEST = 64  # steps of a run whose twin takes the double step: a twin of a tenth as many would resolve nothing
+DOUBTFUL = 0.5  # of a limit: the estimate is right to a factor of two where errors fall with their power of the step
+CLOSES = 0.5  # of their energy, with half the step; ten times as much would take for closed what grows
 COARSE = 0.1  # of the peak; with ten times as much both runs have nothing in common
 GROWN = 64.0  # in the second half of a time: 2^6
 LONG = 256  # steps until both runs are COARSE apart: what takes fewer is not resolved, whatever it is
@@ -75,13 +78,14 @@ class NumericalError:
 class ErrorBar:
     """The numerical error of a run. twin: how it was measured, '' where it was not. why: it was not measured, or more
     there is to know. findings: what of it makes the run suspect. sensitive: time [s] from which on only statistics of
-    the motion hold."""
+    the motion hold. closing: redundant rows that seemed to contradict each other close with a shorter step."""
 
     twin: str = ''
     why: str = ''
     errors: dict[str, NumericalError] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     sensitive: float | None = None
+    closing: bool = False
 
     @property
     def measured(self) -> bool:
@@ -90,9 +94,13 @@ class ErrorBar:
 
     @property
     def doubtful(self) -> bool:
-        """True where the run is suspect by a lower bound that may be the error of its twin alone."""
-        beyond = any(error.bound and error.limit is not None and error.share > error.limit for error in self.errors.values())
-        return beyond and bool(self.findings) and self.sensitive is None
+        """True where the estimate comes near a limit, and a second twin shall tell whether errors fall as they should."""
+        return self.sensitive is None and (bool(self.findings) or self.worst > DOUBTFUL)
+
+    @property
+    def worst(self) -> float:
+        """The largest share of a deciding quantity, of its limit: 1 is the limit."""
+        return max((error.share / error.limit for error in self.errors.values() if error.limit), default=0.0)
 
     @property
     def text(self) -> str:
@@ -136,7 +144,9 @@ class Twin:
         self.why = UNCONTROLLED if simulation.engine.follows else ''
         self.instants = [] if self.why else instants(steps)
         self._ratio, self.twin = (2.0, 'double step') if steps >= FEWEST else (0.0, '')
+        self._closing = False
         self._others: list[np.ndarray] = []
+        self._coarse: list[np.ndarray] = []  # of a twin with the double step, where another one followed
         self.note(simulation.snapshot())
 
     @property
@@ -165,9 +175,9 @@ class Twin:
             except MbdError:  # too long a step for this motion
                 pass
             else:
-                if not self._compared().doubtful:
+                if not (self._compared().doubtful or self._contradicted):
                     return
-                coarse = self._ratio
+                coarse, self._coarse = self._ratio, self._others
         finer = next((r for r in NEXT if self._run.h_ns % r == 0), None)
         if finer is None:
             if not coarse:
@@ -179,7 +189,7 @@ class Twin:
             yield from self._made(self._ratio, most)
         except MbdError as error:
             if coarse:
-                self._others, self._ratio, self.twin = others, coarse, twin
+                self._others, self._ratio, self.twin, self._coarse = others, coarse, twin, []
             else:
                 self.why, self.twin = f'the run with the {self.twin} failed: {error}', ''
 
@@ -197,11 +207,33 @@ class Twin:
             last = k * s.h_ns // h_ns
             while twin.k < last:
                 n = min(last - twin.k, most())
-                snapshot = twin.advance(n, audit=False)
+                snapshot = twin.advance(n, audit=ratio < 1.0 and self._contradicted)
                 yield n
             if not np.isfinite(snapshot.numbers).all():
                 raise MbdError(f't = {twin.t_ns * 1e-9:g} s: the motion is no longer finite')
             self._others.append(snapshot.numbers)
+        if ratio < 1.0 and self._contradicted:
+            closed = CLOSES * float(self._run.last_step.account.contradiction[0])
+            self._closing = float(twin.last_step.account.contradiction[0]) < closed
+
+    @property
+    def _contradicted(self) -> bool:
+        """True where redundant rows of the run hold each other: by a contradiction, which grows as the step falls, or for a long
+        step leaves them open."""
+        s = self._run
+        return s.of_bodies and s.model.n_rows > 0 and contradicts(s.last_step.account, s.model.tables.bodies)[0]
+
+    def made(self) -> ErrorBar:
+        """The error bar, with all steps of the twin made now."""
+        for _ in self.make():
+            pass
+        return self.result()
+
+    def compared(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """(instants (n,) [s], numbers of the run and of the twin there (n, m), what their difference times makes the error)."""
+        p = order(self._run)
+        factor = 1.0 / (2.0**p - 1.0) if self._ratio > 1.0 else 1.0 / (1.0 - self._ratio**p)
+        return np.array(self.instants) * self._run.h, np.array(self._rows), np.array(self._others), factor
 
     def result(self) -> ErrorBar:
         """The error bar, once make() has come to its end."""
@@ -212,18 +244,17 @@ class Twin:
     def _compared(self) -> ErrorBar:
         """The error bar by the numbers of both runs."""
         s = self._run
-        rows, others, times = np.array(self._rows), np.array(self._others), np.array(self.instants) * s.h
-        p = order(s)
-        factor = 1.0 / (2.0**p - 1.0) if self._ratio > 1.0 else 1.0 / (1.0 - self._ratio**p)
+        times, rows, others, factor = self.compared()
         errors, distances = {}, {}
+        coarse = np.array(self._coarse) if self._coarse and self._ratio < 1.0 else None
         for curve in curves_of(s):
-            errors[curve.name], distances[curve.name] = _error(curve, times, rows, others, factor)
+            errors[curve.name], distances[curve.name] = _error(curve, times, rows, others, factor, coarse)
         deciding = [name for name in errors if errors[name].limit]
         together = np.max([distances[name] for name in deciding], axis=0)
         limit = min(errors[name].limit or math.inf for name in deciding)
-        why, since = _growth(times, together, limit / factor, s.h, 2.0**p)
+        why, since = _growth(times, together, limit / factor, s.h, 2.0 ** order(s))
         found = _required(s, times, rows, others, factor) if s.scene.require.accuracy else _findings(errors, why)
-        return ErrorBar(twin=self.twin, why=why, errors=errors, findings=tuple(found), sensitive=since)
+        return ErrorBar(twin=self.twin, why=why, errors=errors, findings=tuple(found), sensitive=since, closing=self._closing)
 
 
 def instants(steps: int) -> list[int]:
@@ -245,9 +276,18 @@ def order(simulation: Simulation) -> int:
     return simulation.scene.integrator.order
 
 
-def _error(curve: Curve, times: np.ndarray, rows: np.ndarray, others: np.ndarray, factor: float) -> tuple[NumericalError, np.ndarray]:
-    """(error of a quantity, (n,) distance of both runs over time as part of the peak)."""
+def _error(
+    curve: Curve, times: np.ndarray, rows: np.ndarray, others: np.ndarray, factor: float, coarse: np.ndarray | None
+) -> tuple[NumericalError, np.ndarray]:
+    """(error of a quantity, (n,) distance of both runs over time as part of the peak). coarse: numbers of a run with the double step.
+
+    With three steps the distances fall by what the errors do: where that is less than the power of the step says, the error
+    is larger, at most the distance to the run with the double step, as an error that falls with the step itself.
+    """
     apart, peaks = curve.apart(rows, others), curve.peaks(rows)
+    if coarse is not None:
+        falls = float(curve.apart(rows, coarse).max()) / max(float(apart.max()), np.finfo(float).tiny)
+        factor = max(factor, min(falls / (falls - 1.0), falls) if falls > 1.0 else 0.0)
     shares = apart / peaks
     k, place = np.unravel_index(int(np.argmax(shares)), shares.shape)
     error = NumericalError(

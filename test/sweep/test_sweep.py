@@ -21,7 +21,7 @@ from mbd_sim_ros.bags import reader
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.sweep import case, workers
 from mbd_sim_ros.sweep.case import SweepCase, row_of
-from mbd_sim_ros.sweep.design import SweepFigure, load_sweep
+from mbd_sim_ros.sweep.design import Parameter, Sweep, SweepFigure, load_sweep
 from solver import load_scene, simulation_of
 from solver.disk import alone
 from solver.errors import SceneError
@@ -401,3 +401,31 @@ def test_a_worker_is_deaf_to_the_terminal_from_its_first_instruction(tmp_path: P
         assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
     finally:
         worker.end()
+
+
+def test_numerical_errors_are_measured_in_a_sample_of_the_cases_and_decide_where_all_have_them(tmp_path) -> None:
+    """A body that turns 1.2 rad a step about its axis is right: the check decides in a sample, and the error where all are measured."""
+    text = 'mechanism:\n  bodies: {rotor: {mass: 1, inertia: [1, 1, 1], angular_velocity: [0, 0, 1200]}}\nduration: 0.1\n'
+    figures = {'turn': SweepFigure(quantity='odom/twist/wz', take='peak')}
+
+    def case(twin: str) -> dict:
+        return row_of(SweepCase(number=0, text=text, name='rotor', values={}, figures=figures, rows=str(tmp_path), twin=twin))  # type: ignore[arg-type]
+
+    assert case('')['status'] == 'suspect' and 'errors' not in case('')
+    told = case('told')
+    assert told['status'] == 'suspect' and told['errors']['figures']['turn'] < 1e-6
+    assert told['errors']['text'].startswith('Numerical error (double step)')
+    assert case('')['status'] == 'suspect' and 'errors' not in case('')  # the same row
+    assert case('decides')['status'] == 'ok'
+    assert len([*tmp_path.iterdir()]) == 2
+
+
+@pytest.mark.parametrize(('count', 'sampled'), [(1, [0]), (5, [0, 1, 2, 3, 4]), (32, [0, 4, 8, 12, 16, 20, 24, 28])])
+def test_the_sample_is_the_first_case_of_every_eighth(count: int, sampled: list[int]) -> None:
+    from mbd_sim_ros.commands.sweep import _twin
+
+    figures = {'x': SweepFigure(quantity='odom/pose/x')}
+    sweep = Sweep(scene='pendulum', parameters={'integrator.h': Parameter(values=(1e-3,))}, figures=figures)
+    assert [i for i in range(count) if _twin(sweep, i, count) == 'told'] == sampled
+    assert all(_twin(dataclasses.replace(sweep, errors='all'), i, count) == 'decides' for i in range(count))
+    assert not any(_twin(dataclasses.replace(sweep, errors='none'), i, count) for i in range(count))

@@ -26,7 +26,7 @@ SHOWN = {  # SI unit -> (unit for people, factor)
 
 class Figure(NamedTuple):
     """One number. name: its key in JSON. text: for people. unit: SI. limit: what the norm asks for, as text; ok: whether it is kept
-    (None: not judged)."""
+    (None: not judged). error: of its value by the step of the simulation, None where nobody measured it."""
 
     name: str
     text: str
@@ -34,6 +34,7 @@ class Figure(NamedTuple):
     unit: str
     limit: str = ''
     ok: bool | None = None
+    error: float | None = None
 
     @property
     def verdict(self) -> str:
@@ -43,7 +44,8 @@ class Figure(NamedTuple):
     def shown(self) -> tuple[str, str]:
         """(value, unit) for people."""
         unit, factor = SHOWN.get(self.unit, (self.unit, 1.0))
-        return ('-' if not math.isfinite(self.value) else f'{self.value * factor:.4g}'), '' if unit == '1' else unit
+        error = '' if self.error is None else f' ± {self.error * factor:.1g}'
+        return ('-' if not math.isfinite(self.value) else f'{self.value * factor:.4g}{error}'), '' if unit == '1' else unit
 
 
 class Curve(NamedTuple):
@@ -96,7 +98,15 @@ class Result:
             'source': self.source,
             'passed': self.passed,
             'figures': {
-                f.name: {'text': f.text, 'value': f.value, 'unit': f.unit, 'limit': f.limit, 'verdict': f.verdict} for f in self.figures
+                f.name: {
+                    'text': f.text,
+                    'value': f.value,
+                    'unit': f.unit,
+                    'limit': f.limit,
+                    'verdict': f.verdict,
+                    **({} if f.error is None else {'numerical_error': f.error}),
+                }
+                for f in self.figures
             },
             'parameters': self.parameters,
             'notes': list(self.notes),

@@ -25,7 +25,7 @@ from solver.analysis.envelope import Envelope
 from solver.analysis.error_bar import ErrorBar, Twin
 from solver.analysis.error_curves import curves_of
 from solver.analysis.verdict import status_of
-from solver.checks.error import LIMITS
+from solver.checks.error import LARGEST, LIMITS
 from solver.errors import MbdError
 from solver.scene import Scene
 from solver.simulation import Simulation
@@ -95,7 +95,7 @@ def _counts(h: float, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """A row of a table. h: step [s], 0 for all."""
     ok, suspect = ([r for r in rows if r['status'] == status] for status in ('ok', 'suspect'))
     before = [r for r in rows if r['before'] == 'ok']
-    stated = [r['stated'] / r['true'] for r in rows if r['true'] > SEEN and not r['sensitive'] and r['stated'] is not None]
+    stated = [r['stated'] / r['true'] for r in rows if r['true'] > SEEN and not r['sensitive']]
 
     def percent(part: Iterable[bool]) -> float:
         found = [*part]
@@ -187,12 +187,9 @@ def _run(scene: Scene, family: str, name: str, reference: Reference) -> dict[str
     }  # fmt: skip
 
 
-def _stated(bar: ErrorBar) -> float | None:
-    """The largest stated share of the deciding quantities whose limit is that of a motion."""
-    return max((e.share for name, e in bar.errors.items() if name in _MOTIONS), default=None)
-
-
-_MOTIONS = {name for name, limit in LIMITS.items() if limit == min(LIMITS.values())}
+def _stated(bar: ErrorBar) -> float:
+    """The largest stated share of a deciding quantity; of forces, which may be off by more, in proportion."""
+    return bar.worst * LARGEST
 
 
 def _true(simulation: Simulation, rows: np.ndarray, fine: Sequence[np.ndarray]) -> tuple[float, str, float]:
@@ -201,10 +198,11 @@ def _true(simulation: Simulation, rows: np.ndarray, fine: Sequence[np.ndarray]) 
         return np.nan, '', np.nan
     worst, which, spread = 0.0, '', 0.0
     for curve in curves_of(simulation):
-        if curve.name in _MOTIONS:
+        if curve.name in LIMITS:
+            scale = LARGEST / LIMITS[curve.name]
             peaks = curve.peaks(fine[0])
-            share = float((curve.apart(rows, fine[0]) / peaks).max())
-            spread = max(spread, float((curve.apart(fine[1], fine[0]) / peaks).max()))
+            share = scale * float((curve.apart(rows, fine[0]) / peaks).max())
+            spread = max(spread, scale * float((curve.apart(fine[1], fine[0]) / peaks).max()))
             if share > worst:
                 worst, which = share, curve.name
     return (worst, which, spread) if spread < max(UNCLEAR, 0.1 * worst) else (np.nan, which, spread)
