@@ -132,7 +132,7 @@ def _rows(
 
 
 def _twin(sweep: Sweep, case: int, count: int) -> Literal['', 'told', 'decides']:
-    """How the error of a case of so many is measured: of a sample that of the first in every SAMPLED part of the design."""
+    """Role of the twin of a case of so many: of a sample the first case in every SAMPLED part of the design has one."""
     if sweep.errors == 'all':
         return 'decides'
     parts = min(SAMPLED, count)
