@@ -100,6 +100,7 @@ PRODUCTS: dict[str, Product] = {  # those that take seconds first
     'penalty_map': _study('penalty_map'),
     'stability': _study('stability'),
     'mechanisms': _study('mechanisms'),
+    'error_bars': _study('error_bars'),
     'verdicts': _study('verdicts'),
     'change_points': _study('change_points'),
     'constants': _study('constants'),

@@ -119,7 +119,9 @@ def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, An
 
         required, certificate = ', '.join(data['accuracy']['required']), data['accuracy']['certificate']
         proof = (
-            f'certified by plan {certificate}' if certificate else 'a run cannot check it, and no plan certifies these settings (mbd plan)'
+            f'certified by plan {certificate}'
+            if certificate
+            else 'a run checks its numerical error alone, not that of the model, and no plan certifies these settings (mbd plan)'
         )
         rows.append(('accuracy', f'required of {required}: {proof}'))
         rows += [('note', Finding(**found).covered_for(required)) for found in covered]

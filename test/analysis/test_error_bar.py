@@ -164,3 +164,41 @@ def test_what_was_measured_is_known_for_the_same_scene_and_step_alone(tmp_path, 
     for other in ('integrator.h=0.002', 'integrator.step_policy=error', 'integrator.iterations=2', 'mechanism.gravity=[0, 0, -1]'):
         more = ['integrator.mode=tolerance'] if 'policy' in other else []
         assert kept(load_scene('pendulum', [*more, other])) == NONE
+
+
+FORCED = """
+mechanism:
+  gravity: [0, 0, 0]
+  bodies: {b: {mass: 1, inertia: [1, 1, 1]}}
+  joints: {g: {kind: prismatic, i: world, j: b, at: [0, 0, 0], axis: [0, 0, 1]}}
+  coordinate_forces: {f: {terms: [[g, 1]], input: u}}
+maneuver: {signals: {u: {kind: sine, amplitude: 10, frequency: 1000}}}
+duration: 1
+"""
+
+
+@pytest.mark.parametrize(
+    ('text', 'override', 'quantity'),
+    [
+        (FORCED, 'integrator.h=0.001', 'input'),  # whole periods in both steps: a constant force in both runs
+        (PENDULUM, 'integrator.penalty=1e13', 'penalty'),
+        (PENDULUM, 'require.energy_error_max=1e-12', 'energy_error_max'),
+    ],
+)
+def test_what_both_runs_have_in_common_and_what_is_required_decides_beside_the_error(text: str, override: str, quantity: str) -> None:
+    _, data = bar(text, override)
+    assert data['status'] == 'suspect'
+    assert quantity in [found['quantity'] for found in data['findings']]
+
+
+def test_what_rounding_does_to_a_light_body_is_seen_by_the_twin() -> None:
+    """1e-10 kg beside 1 kg, hidden by the rounding of penalties: its motion differs from step to step."""
+    body = '{{mass: {m}, inertia: [{j}, {j}, {j}], position: [{x}, 0, 0], com: [0, 0, -1], rpy_deg: [0, 60, 0]}}'
+    text = (
+        f'mechanism:\n  bodies:\n    a: {body.format(m=1, j=0.1, x=0)}\n    b: {body.format(m=1e-10, j=1e-11, x=2)}\n  joints:\n'
+        '    a: {kind: revolute, i: world, j: a, at: [0, 0, 0], axis: [0, 1, 0]}\n'
+        '    b: {kind: revolute, i: world, j: b, at: [2, 0, 0], axis: [0, 1, 0]}\nduration: 5\n'
+    )
+    _, data = bar(text)
+    assert (data['status'], data['findings'][0]['quantity']) == ('suspect', 'numerical_error')
+    assert 'light_body' in [found['quantity'] for found in data['explaining']]

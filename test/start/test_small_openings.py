@@ -8,10 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver.analysis.verdict import findings
+from mbd_sim_ros.lab.mechanisms.families import drawn
+from solver.analysis.error_bar import Twin
+from solver.analysis.verdict import decided, findings
 from solver.errors import ConsistencyError, StepError
 from solver.files.scene import load_scene_text
 from solver.simulation import Simulation
+
+SARRUS = 23  # of the series of seed 0: sarrus_1
 
 
 def simulation(mechanism: dict[str, Any], h: float, duration: float = 1.0, kind: str = 'as_placed') -> Simulation:
@@ -79,6 +83,20 @@ def test_they_are_told_where_the_last_step_does_not_show_it() -> None:
     (found,) = findings(s)
     assert (found.quantity, found.where) == ('contradiction', "constraint 'J3/xz'")
     assert found.time == pytest.approx(0.72, abs=0.005)
+
+
+@pytest.mark.parametrize(('mechanism', 'h', 'closing'), [('four_bar', 1e-3, False), ('sarrus', 5e-3, True)])
+def test_rows_that_a_shorter_step_closes_do_not_contradict_each_other(mechanism: str, h: float, closing: bool) -> None:
+    """Out by 1e-8 the four-bar is held by more with half the step; Sarrus' linkage passes a position in which 5 ms leave rows open."""
+    s = four_bar(h, axis=1e-8) if mechanism == 'four_bar' else Simulation(drawn(SARRUS, 0).at(1.0, h=h))
+    twin = Twin(s, round(1.0 / h))
+    while twin.next is not None:
+        twin.note(s.advance(twin.next - s.k))
+    error = twin.made()
+    assert 'contradiction' in [found.quantity for found in findings(s)]
+    assert error.closing == closing
+    deciding, explaining = decided(findings(s), error)
+    assert 'contradiction' in [found.quantity for found in (explaining if closing else deciding)]
 
 
 def test_a_step_that_fails_by_them_says_so() -> None:
