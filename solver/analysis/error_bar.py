@@ -31,14 +31,14 @@ from solver.analysis.departures import departure
 from solver.analysis.error_curves import Curve, curves_of
 from solver.checks.check import Measured
 from solver.checks.error import LIMITS, NUMERICAL_ERROR
-from solver.errors import MbdError
+from solver.errors import MbdError, StepError
 from solver.findings import Finding
 from solver.output.energy import contradicts
 from solver.output.snapshot import Snapshot
 from solver.quantities import quantity
 from solver.scene import Accuracy
 from solver.simulation import Simulation
-from solver.vehicle.size import size_of
+from solver.vehicle.size import scale_of, size_of
 
 MOST = 400  # instants at which two runs are compared; ten times as many would find peaks of a four-thousandth of the run
 FEWEST = 64  # steps of a run whose twin takes the double step: a twin of a tenth as many would resolve nothing
@@ -48,10 +48,13 @@ COARSE = 0.1  # of the peak; with ten times as much both runs have nothing in co
 GROWN = 64.0  # in the second half of a time: 2^6
 LONG = 256  # steps until both runs are COARSE apart: what takes fewer is not resolved, whatever it is
 AT_ONCE = 0.5  # of the growth, in powers, between two instants: an impact, or a singular position
-NEXT = (2, 3, 5, 7)  # parts of a step, of which the first is taken that leaves whole nanoseconds
+NEXT = (2, 3, 4, 5, 7, 8)  # parts of a step, of which the first is taken that leaves whole nanoseconds and makes other steps
+OTHER = 1.3  # times as many steps, counting parts of those that were divided; runs of the same steps have the same error
+DOUBLE = 'double step'
 PORTION = 100  # steps of a call
 LEADING = ('position', 'orientation', 'yaw_rate', 'lateral_acceleration', 'wheel_load')  # what a sentence names first
 SLACK = 2.0  # to which an estimate is right: a plan has measured the error itself
+TOO_SHORT = 'a run of one step has no twin'
 UNCONTROLLED = 'a reference integrator controls its own error'
 
 
@@ -141,9 +144,9 @@ class Twin:
 
     def __init__(self, simulation: Simulation, steps: int) -> None:
         self._run, self._rows = simulation, list[np.ndarray]()
-        self.why = UNCONTROLLED if simulation.engine.follows else ''
+        self.why = UNCONTROLLED if simulation.engine.follows else TOO_SHORT if steps < 2 else ''
         self.instants = [] if self.why else instants(steps)
-        self._ratio, self.twin = (2.0, 'double step') if steps >= FEWEST else (0.0, '')
+        self._ratio, self.twin = (2.0, DOUBLE) if steps >= FEWEST else (0.0, '')
         self._closing = False
         self._others: list[np.ndarray] = []
         self._coarse: list[np.ndarray] = []  # of a twin with the double step, where another one followed
@@ -168,7 +171,7 @@ class Twin:
         """Make the steps of the twin, no more than most() at a time; gives the number of each call."""
         if self.why:
             return
-        coarse = 0.0
+        coarse = False
         if self._ratio:
             try:
                 yield from self._made(self._ratio, most)
@@ -177,21 +180,19 @@ class Twin:
             else:
                 if not (self._compared().doubtful or self._contradicted):
                     return
-                coarse, self._coarse = self._ratio, self._others
-        finer = next((r for r in NEXT if self._run.h_ns % r == 0), None)
-        if finer is None:
-            if not coarse:
-                self.why = f'integrator.h = {self._run.h:g} s has no half of whole nanoseconds'
-            return
-        others, twin = self._others, self.twin
-        self._ratio, self.twin = 1.0 / finer, 'half step' if finer == 2 else f'step / {finer}'
-        try:
-            yield from self._made(self._ratio, most)
-        except MbdError as error:
-            if coarse:
-                self._others, self._ratio, self.twin, self._coarse = others, coarse, twin, []
-            else:
-                self.why, self.twin = f'the run with the {self.twin} failed: {error}', ''
+                coarse, self._coarse = True, self._others
+        why = f'integrator.h = {self._run.h:g} s has no half of whole nanoseconds'
+        for finer in (r for r in NEXT if self._run.h_ns % r == 0):
+            self._ratio, self.twin = 1.0 / finer, 'half step' if finer == 2 else f'step / {finer}'
+            try:
+                yield from self._made(self._ratio, most)
+                return
+            except MbdError as error:
+                why = f'the run with the {self.twin} failed: {error}'
+        if coarse:
+            self._others, self._ratio, self.twin, self._coarse = self._coarse, 2.0, DOUBLE, []
+        else:
+            self.why, self.twin = why, ''
 
     def _made(self, ratio: float, most: Callable[[], int]) -> Iterator[int]:
         s, given = self._run, self._run.scene.integrator
@@ -201,6 +202,8 @@ class Twin:
             settings['h_min'] = min(given.h_min, h_ns * 1e-9)
         if given.step_policy == 'error':
             settings['error_tolerance'] = given.error_tolerance * ratio * ratio
+        elif ratio > 1.0 and given.step_policy != 'constant':  # a double step that fails would become the steps of the run
+            settings |= {'step_policy': 'rescue', 'h_min': h_ns * 1e-9}
         twin = s.twin(self.instants[-1] * s.h, **settings)
         self._others = [twin.snapshot().numbers]
         for k in self.instants[1:]:
@@ -212,6 +215,9 @@ class Twin:
             if not np.isfinite(snapshot.numbers).all():
                 raise MbdError(f't = {twin.t_ns * 1e-9:g} s: the motion is no longer finite')
             self._others.append(snapshot.numbers)
+        taken, others = (float(one.totals()['substeps']) / one.k for one in (s, twin))
+        if max(taken / s.h_ns, others / h_ns) < OTHER * min(taken / s.h_ns, others / h_ns):
+            raise StepError('both runs take the same steps, for steps are divided')
         if ratio < 1.0 and self._contradicted:
             closed = CLOSES * float(self._run.last_step.account.contradiction[0])
             self._closing = float(twin.last_step.account.contradiction[0]) < closed
@@ -221,7 +227,7 @@ class Twin:
         """True where redundant rows of the run hold each other: by a contradiction, which grows as the step falls, or for a long
         step leaves them open."""
         s = self._run
-        return s.of_bodies and s.model.n_rows > 0 and contradicts(s.last_step.account, s.model.tables.bodies)[0]
+        return s.of_bodies and s.model.n_rows > 0 and contradicts(s.last_step.account, s.model.tables.bodies, scale_of(s.model.spec)[0])[0]
 
     def made(self) -> ErrorBar:
         """The error bar, with all steps of the twin made now."""

@@ -52,7 +52,9 @@ def test_the_error_of_an_oscillator_is_that_of_its_closed_form(h: float, damping
         t = k * h
         worst = max(worst, abs(found - (0.1 * np.exp(-d * t) * (np.cos(w * t) + d / w * np.sin(w * t))).real))
     assert 0.5 < data['errors']['position']['value'] / worst < 2.0
-    assert data['error_text'].startswith('Numerical error (double step)')
+    assert data['error_text'].startswith(
+        'Numerical error (half step)' if h == 0.005 else 'Numerical error (double step)'
+    )  # 1.7 % are near 2 %
 
 
 @pytest.mark.parametrize('settings', [{'h': 0.004}, {'h': 0.004, 'order': 4, 'rho_inf': 1.0, 'mode': 'tolerance', 'tolerance': 1e-12}])
@@ -110,11 +112,25 @@ def test_what_is_not_measured_is_said_with_the_reason_and_findings_decide(overri
     assert data['error_text'].startswith('The numerical error was not measured: ') and why in data['error_text']
 
 
+@pytest.mark.parametrize('h', [0.9, 0.5])
+def test_steps_that_are_divided_into_those_of_the_twin_are_no_measure(h: float) -> None:
+    """Swings of 2 s in steps of 0.9 s: those that fail are halved, and the run with half the step was the same; its error, 0."""
+    scene = load_scene('pendulum', [f'integrator.h={h}'])
+    data = simulate(simulation_of(scene), scene.steps, error=True)
+    assert (data['status'], data['findings'][0]['quantity']) == ('suspect', 'numerical_error')
+    assert data['errors']['position']['share'] > 0.1
+
+
+def test_a_run_of_one_step_has_no_twin() -> None:
+    _, data = bar(PENDULUM, 'integrator.h=0.5', 'duration=0.5')
+    assert data['error_text'] == 'The numerical error was not measured: a run of one step has no twin'
+
+
 def test_a_turn_of_a_round_body_about_its_axis_makes_no_error_and_one_about_another_does() -> None:
     """1.2 rad a step: exact about the axis of a round body, half a turn off after 0.1 s about a middle axis that is not one."""
     text = 'mechanism:\n  bodies: {{rotor: {{mass: 1, inertia: {}, angular_velocity: [{}, 0, 1200]}}}}\nduration: 0.1\n'
     _, data = bar(text.format('[1, 1, 2]', 0))
-    assert (data['status'], [one['quantity'] for one in data['explaining']]) == ('ok', ['turn_per_step'])
+    assert (data['status'], data['errors']['orientation']['share'] < 1e-6) == ('ok', True)
     _, data = bar(text.format('[1, 2, 1.3]', 3))
     assert (data['status'], data['findings'][0]['quantity']) == ('suspect', 'numerical_error')
 
