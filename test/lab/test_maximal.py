@@ -244,11 +244,11 @@ def test_a_motion_knows_its_spread_and_what_it_makes_of_a_change():
     assert 1.0 < long.growth < 1e-3 / CHANGE
 
 
-def test_a_scene_that_the_reader_does_not_know_is_refused_and_one_that_takes_too_long_given_up(monkeypatch):
+def test_a_scene_that_the_reader_does_not_know_is_refused_and_one_that_takes_too_long_given_up():
     scene = {'mechanism': {'bodies': {'a': body(1.0, (1, 1, 1))}, 'tires': {}}}
     with pytest.raises(ValueError, match="'tires'"):
         read(yaml.safe_dump(scene))
-    monkeypatch.setattr('mbd_sim_ros.lab.mechanisms.maximal.EVALUATIONS', 5)
     maximal = Maximal(mixture(0).text)
+    maximal.most = 5
     with pytest.raises(Unresolved, match='after 6 evaluations'):
         maximal.solve(TIMES, TIGHT)

@@ -29,7 +29,10 @@ ZERO = 1e-12  # of the largest: a singular value that cannot be divided by
 NOT_PROJECTED = 1e-5  # the same of a projection, which would throw a mechanism along what is nearly free
 TIGHT, LOOSE = 1e-11, 1e-8  # tolerances of the two solutions, relative to size and speed of the mechanism
 CHANGE = 1e-7  # of the velocities at the start, in the third solution
-EVALUATIONS = 200_000  # of a solution, beyond which it is given up: minutes
+EVALUATIONS = 60_000  # of a solution, beyond which it is given up: a minute
+# Times the evaluations of the loose solution that the tight one may take; a smooth motion takes 10^(3/8) = 2.4 times, and
+# ten times as many are spent where a motion has no eight derivatives, or none at all
+ROUGH = 20
 
 
 class Unresolved(Exception):
@@ -134,7 +137,7 @@ class Maximal:
         self._masses = (of.mass, of.inertia, root, of.gravity)
         self.rows = (of.codes, of.numbers.copy(), of.coordinates, of.frames)
         self.before = np.zeros(len(of.coordinates))
-        self.evaluations = 0
+        self.evaluations, self.most = 0, EVALUATIONS
         self.y = np.concatenate((of.p.ravel(), of.q.ravel(), of.v.ravel(), of.w.ravel()))
         self.look(0.0, self.y)
         self._close_couplers()
@@ -201,7 +204,7 @@ class Maximal:
     def rates(self, t: float, y: np.ndarray) -> np.ndarray:
         """Derivative of the state. Raises Unresolved when there were too many."""
         self.evaluations += 1
-        if self.evaluations > EVALUATIONS or not np.all(np.isfinite(y)):
+        if self.evaluations > self.most or not np.all(np.isfinite(y)):
             raise Unresolved(f'given up at t = {t:.4g} s after {self.evaluations} evaluations')
         return rates(y, self.n, self._masses, self.rows, self.forces, self.before, self._signals(t), self.rank)
 
@@ -317,16 +320,18 @@ def motion(text: str, duration: float, sample: float = 0.01) -> Motion:
         return states[:, : 3 * n].reshape(-1, n, 3), q / np.linalg.norm(q, axis=2)[:, :, None], lowest
 
     try:
+        loose = solution(LOOSE)
+        maximal.most = min(EVALUATIONS, ROUGH * maximal.evaluations)
         p, q, lowest = solution(TIGHT)
     except Unresolved as error:
         nothing = np.zeros((0, n, 3)), np.zeros((0, n, 4))
         return Motion(times, *nothing, maximal.of.com, np.inf, np.inf, 0.0, np.nan, np.nan, str(error))
     range_, turn = extent(p, q, maximal.size)
+    spread = difference(p, q, *loose[:2], range_, turn)
     try:
-        loose = difference(p, q, *solution(LOOSE)[:2], range_, turn)
         changed = maximal.y.copy()
         changed[7 * n :] += CHANGE * maximal.scale(changed)[7 * n :] * np.resize((1.0, -1.0, 0.5), 6 * n)
         growth = difference(p, q, *solution(0.1 * LOOSE, changed)[:2], range_, turn) / CHANGE
     except Unresolved as error:
         return Motion(times, p, q, maximal.of.com, np.inf, np.inf, lowest, range_, turn, str(error))
-    return Motion(times, p, q, maximal.of.com, loose, growth, lowest, range_, turn)
+    return Motion(times, p, q, maximal.of.com, spread, growth, lowest, range_, turn)
