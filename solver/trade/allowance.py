@@ -64,6 +64,6 @@ class Allowance:
         """The reason why no more runs are made, in words."""
         if self.ended():
             return f'the plan was interrupted after {self.took:.0f} s'
-        if self._of_time >= self.spent:
+        if self._of_time >= self.cpu / (self.times * self.full_run):
             return f'the time was up after {self.took:.0f} s (mbd plan --time)'
         return f'it has taken {self.cpu / self.full_run:.1f} times the CPU time of the full run (mbd plan --time SECONDS allows more)'

@@ -24,7 +24,7 @@ from solver.levels.derived import Derived
 from solver.scene import Scene
 from solver.simulation import Simulation
 from solver.trade import cost, reference
-from solver.trade.errors import Error, Requirement, by_origin
+from solver.trade.errors import Error, Requirement, by_origin, without
 from solver.trade.kept_runs import NOWHERE, KeptRuns
 from solver.trade.ledger import Ledger
 from solver.trade.reference import Reference
@@ -46,7 +46,8 @@ class Bench:
     scene: the full vehicle, nothing switched off. names: quantities that runs are seen through. steps: [s] of the
     converged full vehicle, coarsest first. requirements: limits that settings are held against. seen: maneuvers that serve
     to choose. apart: settings of the full vehicle, coarse one first, that serve as reference on other maneuvers than that
-    of the scene, as they are or extrapolated (solver.trade.elsewhere); none: the two finest steps do. stop(): says that
+    of the scene, as they are or extrapolated (solver.trade.elsewhere); none: the two finest steps do. falls: what of the
+    band of the reference counts as its error: bands fall with the steps, and that of the finest limit is the next one. stop(): says that
     runs shall end, by Stopped. kept: whole runs on disk. ledger: what was spent. made: the memory; locks: one for each
     entry, so that threads wait for what another one makes.
     """
@@ -57,6 +58,7 @@ class Bench:
     requirements: tuple[Requirement, ...] = ()
     seen: tuple[Variation, ...] = (AS_GIVEN,)
     apart: tuple[Setting, ...] = ()
+    falls: float = 1.0
     stop: Callable[[], bool] | None = None
     kept: KeptRuns = NOWHERE
     ledger: Ledger = field(default_factory=Ledger)
@@ -225,8 +227,16 @@ def settled(setting: Setting) -> Setting:
 
 
 def errors_of(bench: Bench, v: Variation, setting: Setting) -> dict[str, Error]:
-    """Errors of a setting by quantity and origin. Raises StepError and Stopped."""
-    own, truth, found = own_of(bench, v, setting), truth_of(bench, v), run_of(bench, v, setting)
+    """Errors of a setting by quantity and origin. Raises StepError and Stopped.
+
+    Where subsystems are off it is held against the same setting with all of them: what they change there counts to the model, and the
+    errors of model, step and iteration of that one to its own. So the model without them need not be converged.
+    """
+    truth, found = truth_of(bench, v), run_of(bench, v, setting)
+    if setting.off:
+        with_all = dataclasses.replace(setting, off=())
+        return without(truth, errors_of(bench, v, with_all), run_of(bench, v, with_all), found)
+    own = own_of(bench, v, setting)
     return by_origin(truth, own, run_of(bench, v, settled(setting)), found, bench.required)
 
 

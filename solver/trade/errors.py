@@ -50,6 +50,18 @@ def by_origin(truth: Reference, own: Reference, settled: Run, found: Run, names:
     return {name: Error(whole[name], model[name], step.get(name, FAILED), between[name]) for name in whole}
 
 
+def without(truth: Reference, errors: dict[str, Error], with_all: Run, found: Run) -> dict[str, Error]:
+    """The errors of the run `found` without some subsystems, from those of the run `with_all` of the same setting."""
+    whole = truth.errors(found, errors)
+    between = departures(found, with_all.time, with_all.curves, truth.quantities, truth.peaks, errors)
+    return {name: Error(whole[name], added(error.model, between[name]), error.step, error.iteration) for name, error in errors.items()}
+
+
+def added(a: Departure, b: Departure) -> Departure:
+    """The largest that two departures one behind the other add up to."""
+    return Departure(a.max + b.max, a.rms + b.rms, a.peak, abs(a.delay) + abs(b.delay))
+
+
 class Requirement(NamedTuple):
     """One limit of one error."""
 

@@ -92,7 +92,7 @@ def bands_of(bench: Bench, v: Variation) -> dict[Requirement, float]:
     others the error counts besides that the reference there (Bench.apart) makes on that one, ELSEWHERE times. A delay has nothing to do
     with how large the peak is."""
     given, peaks = truth_of(bench, AS_GIVEN), truth_of(bench, v).peaks
-    parts = [(1.0, given.band)]
+    parts = [(bench.falls, given.band)]
     if v != AS_GIVEN and bench.apart:
         parts.append((ELSEWHERE, apart_of(bench, bench.apart)))
 
@@ -174,9 +174,13 @@ def _race(bench: Bench, setting: Setting) -> tuple[str, float, float]:
             return f'{worst}: {used:.2g} of its limit after {part:.0%} of the maneuver', used, part
     if going:
         keep(bench, AS_GIVEN, setting, found, going.findings())
-    own, model = own_of(bench, AS_GIVEN, setting), model_error(bench, AS_GIVEN, setting)
-    errors = against(bench, own, found)
-    worst, used = largest(shares(bench, AS_GIVEN, {r: model[r] + errors[r] for r in bench.requirements}))
+    if setting.off:
+        most = max(bounds_of(bench, AS_GIVEN, setting), key=lambda bound: bound.used)
+        worst, used = most.requirement, most.used
+    else:
+        own, model = own_of(bench, AS_GIVEN, setting), model_error(bench, AS_GIVEN, setting)
+        errors = against(bench, own, found)
+        worst, used = largest(shares(bench, AS_GIVEN, {r: model[r] + errors[r] for r in bench.requirements}))
     if not used <= 1.0:
         return f'{worst}: the errors of model, step and iteration add up to {used:.2g} of its limit', used, 1.0
     return '', used, 1.0
@@ -184,7 +188,7 @@ def _race(bench: Bench, setting: Setting) -> tuple[str, float, float]:
 
 def _step_alone(bench: Bench, setting: Setting) -> tuple[str, float, float] | None:
     """As race() says it of a setting whose step is too long with any number of iterations, as far as that is known."""
-    if setting.model != FULL.model and ('limit', AS_GIVEN, converging(setting, bench.steps[1:])) not in bench.made:
+    if setting.off or (setting.model != FULL.model and ('limit', AS_GIVEN, converging(setting, bench.steps[1:])) not in bench.made):
         return None
     own, model = own_of(bench, AS_GIVEN, setting), model_error(bench, AS_GIVEN, setting)
     for h in sorted(h for h in {*EVERY_STEP, *bench.steps, setting.h} if h <= setting.h):
@@ -217,7 +221,8 @@ def _judged(bench: Bench, tried: Verdict, workers: int | None) -> Verdict:
     tried = tried._replace(cost=cost_of(bench, setting, known(bench, AS_GIVEN, setting)))
     for v in bench.seen:
         if v != AS_GIVEN:
-            work: list[Callable[[], object]] = [partial(findings_of, bench, v, setting), partial(run_of, bench, v, settled(setting))]
+            work: list[Callable[[], object]] = [partial(findings_of, bench, v, setting)]
+            work += [] if setting.off else [partial(run_of, bench, v, settled(setting))]
             all_of(lambda make: make(), work, workers)
         here, bounds = bounds_of(bench, v, setting), dict(tried.bounds)
         for bound in here:

@@ -66,6 +66,7 @@ from solver.trade.setting import ITERATIONS, RHOS, Setting, baseline, grid
 from solver.trade.variations import AS_GIVEN, CORNERS, Variation, effective, inside
 
 CHECK_SHARE = 0.45  # of that which is kept for checking
+CHEAPER_SHARE = 0.2  # the same while subsystems are switched off
 LEAST_CHECK_SHARE = 0.15  # the same as long as no setting has been found
 UNSEEN = 24  # maneuvers to check on: fewer than 12 % fail
 MORE_UNSEEN = 59  # where they cost little: fewer than 5 % fail
@@ -77,6 +78,7 @@ COARSEST = 4.0  # the first steps of a reference over those of reference.STEPS: 
 STEP_SETS = tuple(tuple(COARSEST * h / 2**k for h in reference.STEPS) for k in range(6))  # s, of the reference
 FINEST = 0.124  # step of a setting over the finest one of the reference, at least
 COARSE = 1.5  # of the limit that the model error of a level may be with one coarse step before it is looked at finely
+NOTHING = 1e-3  # of a limit: a band that is smaller is rounding, and no sequence
 SAME = 1.05  # settings whose costs are nearer than this are equally cheap, and the more accurate one is taken
 SAVES = 0.97  # of the cost: what a subsystem must bring it below to be worth its error
 TIMED, TIMED_ROUNDS = 1.0, 2  # simulated seconds over which the speed of what was found is measured, and how often
@@ -87,6 +89,14 @@ WATCHED_WHEELS = ('slip_angle', 'slip', 'wheel_load')
 SHOWN = ('yaw_rate', 'sideslip_velocity', 'roll', 'pitch', 'position')
 ASKED_FIRST = ('single_track', 'kc', 'condensed')  # levels that a first answer asks, cheapest first
 QUICK = ('kc', 'condensed')  # those that are derived in about a second where they are not kept
+
+
+def falls(bands: dict[Requirement, float], before: dict[Requirement, float]) -> float:
+    """What of the bands of a reference counts as its error. A band is how far the limit of the coarser steps was off. It falls from one
+    reference to the next, and that of the finest limit is the next of the sequence: it is taken to fall half as much at least as it did.
+    bands, before: shares of limits, with these steps and with twice these (none: not known)."""
+    falling = [band / before[r] for r, band in bands.items() if before.get(r, 0.0) > 0.0 and band > NOTHING]
+    return min(1.0, 2.0 * max(falling)) if falling else 1.0
 
 
 class Search:
@@ -202,6 +212,7 @@ class Search:
     def find_reference(self) -> bool:
         """Choose steps fine enough for the limits; False where the band stays too wide for one of them, or a second formulation does not
         confirm it. Raises StepError."""
+        before: dict[Requirement, float] = {}
         for steps in self.step_sets():
             bench = self.bench = dataclasses.replace(self.bench, steps=steps)
             self.say(f'reference with {", ".join(f"{1e3 * h:g}" for h in steps)} ms', ledger.REFERENCE)
@@ -212,8 +223,10 @@ class Search:
                 if steps == STEP_SETS[-1]:
                     raise
                 continue
-            bands = bands_of(bench, AS_GIVEN)
-            worst, share = largest({r: bands[r] / limits[r] for r in limits})
+            whole = {r: band / limits[r] for r, band in bands_of(dataclasses.replace(bench, falls=1.0), AS_GIVEN).items()}
+            bench = self.bench = dataclasses.replace(bench, falls=falls(whole, before))
+            before = whole
+            worst, share = largest({r: bench.falls * whole[r] for r in limits})
             if share <= CLEAR_BAND and not self.unresolved():
                 break
         if not share <= 1.0 - MARGIN:
@@ -314,14 +327,21 @@ class Search:
         return '' if share <= COARSE else f'{worst}: its model error alone is {share:.2g} of the limit, with {1e3 * h:g} ms'
 
     def _look_again(self, level: str) -> None:
-        """Take a level out whose converged model error has turned out too large on a maneuver that serves to choose."""
+        """Take a level out whose converged model error is too large on a maneuver that serves to choose. It is looked at when a setting of
+        the level keeps the limits on the maneuver of the scene, if only because its errors cancel."""
         base = Setting(level=level)  # type: ignore[arg-type]
         for v in self.bench.seen if level != FULL.level else ():
-            if ('limit', v, converging(base, self.bench.steps[1:])) in self.bench.made:
+            try:
                 limits, errors = limits_of(self.bench, v), model_error(self.bench, v, base)
-                worst, share = largest({r: errors[r] / limits[r] for r in limits})
-                if not share <= 1.0:
-                    self.levels[level] = f'{worst}: its model error alone is {share:.2g} of the limit on {v}'
+            except Stopped:
+                raise
+            except MbdError as error:
+                self.levels[level] = str(error)
+                return
+            worst, share = largest({r: errors[r] / limits[r] for r in limits})
+            if not share <= 1.0:
+                self.levels[level] = f'{worst}: its model error alone is {share:.2g} of the limit on {v}'
+                return
 
     def candidates(self, models: Sequence[Setting]) -> list[Setting]:
         """All settings of these models, cheapest first.
@@ -340,6 +360,7 @@ class Search:
     def cheapest(self, models: Sequence[Setting], below: float = math.inf) -> Verdict | None:
         """The cheapest setting that keeps everything, the more accurate of equals; None where there is none."""
         best: Verdict | None = None
+        looked_at: set[str] = set()
         for setting in self.candidates(models):
             if cost_of(self.bench, setting) > (below if best is None else SAME * best.cost):
                 break
@@ -348,13 +369,14 @@ class Search:
             self.say(str(setting), ledger.SEARCH)
             try:
                 verdict = judge(self.judged_by(setting), setting, self.workers)
+                self.tried.append(verdict)
+                if verdict.dropped and not setting.off and known(self.bench, AS_GIVEN, setting) and setting.level not in looked_at:
+                    looked_at.add(setting.level)
+                    self._look_again(setting.level)
             except Stopped:
                 if best is None:
                     raise
                 break
-            self.tried.append(verdict)
-            if verdict.dropped and not setting.off:
-                self._look_again(setting.level)
             if verdict.dropped or verdict.cost > below:
                 continue
             self.allowance.until = min(self.allowance.until, 1.0 - CHECK_SHARE)
@@ -371,6 +393,7 @@ class Search:
         if derived(self.bench, base).engine is not None:
             return best
         self.say('what subsystems save', ledger.SUBSYSTEMS)
+        self.allowance.until = max(self.allowance.until, 1.0 - CHEAPER_SHARE)  # a cheaper setting is worth some checks
         saved = self.knowledge.saved(base, run_of(self.bench, AS_GIVEN, base).counters['evaluations'])
         say = partial(self.say, purpose=ledger.SUBSYSTEMS)
         for one in influences(self.bench, base, self.shown, say, saved, SAVES):

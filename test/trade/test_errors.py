@@ -14,7 +14,7 @@ from solver.analysis.departures import FAILED
 from solver.quantities import Quantity
 from solver.trade import bench as benches
 from solver.trade.bench import Bench, run_of
-from solver.trade.errors import ORIGINS, Bound, Requirement, by_origin
+from solver.trade.errors import ORIGINS, Bound, Requirement, by_origin, without
 from solver.trade.reference import Reference
 from solver.trade.runs import Run
 from solver.trade.setting import Setting
@@ -83,3 +83,16 @@ def test_threads_that_want_the_same_run_wait_for_it(monkeypatch: pytest.MonkeyPa
         found = list(pool.map(lambda h: run_of(bench, AS_GIVEN, Setting(h=h)), [1e-3, 1e-3, 2e-3, 1e-3]))
     assert sorted(one.h for one in calls) == [1e-3, 2e-3]
     assert found[0] is found[1] is found[3]
+
+
+def test_without_a_subsystem_what_it_changes_counts_to_the_model_and_the_sum_is_no_less_than_the_whole() -> None:
+    """The level is off by 1, its step by 2 and its iterations by 3 more; without a subsystem the setting is off by 0.5 more, or back."""
+    truth, own, with_all = limit(0.0), limit(1.0), made(6.0)
+    errors = by_origin(truth, own, made(3.0), with_all)
+    for change in (0.5, -0.5, -6.0):
+        error = without(truth, errors, with_all, made(6.0 + change))[NAME]
+        assert error.model.rms == pytest.approx(1.0 + abs(change))
+        assert (error.step.rms, error.iteration.rms) == pytest.approx((2.0, 3.0))
+        assert error.whole.rms == pytest.approx(abs(6.0 + change))
+        assert error.model.rms + error.step.rms + error.iteration.rms >= error.whole.rms
+    assert math.isinf(without(truth, errors, with_all, made(6.0, 'it fell'))[NAME].model.rms)

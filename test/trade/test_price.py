@@ -18,12 +18,13 @@ from solver.trade import allowance as allowances
 from solver.trade import bench as benches
 from solver.trade import cost, elsewhere, knowledge, ledger
 from solver.trade.allowance import Allowance
-from solver.trade.bench import Bench, simulation
+from solver.trade.bench import FULL, Bench, converging, limit_of, simulation
 from solver.trade.certificate import plan
 from solver.trade.cost import PerStep
+from solver.trade.errors import Requirement
 from solver.trade.first import EARLIER
 from solver.trade.ledger import Spent
-from solver.trade.search import Search
+from solver.trade.search import Search, falls
 from solver.trade.setting import Setting
 from solver.trade.variations import AS_GIVEN, CORNERS, varied
 
@@ -197,3 +198,26 @@ def test_runs_are_shared_whatever_is_required_of_the_scene(priced: list[str], tm
     longer = guided('duration=0.4', unseen=1, keep_in=tmp_path)
     plan(longer)
     assert longer.kept.found == 0
+
+
+def test_what_counts_of_a_band_is_the_next_one_of_a_falling_sequence() -> None:
+    """Bands of 1, 0.125 and 0.016 of a limit fall by eight: a quarter of the last one counts, where half as much is left to doubt. What is
+    rounding, and the first band, say nothing."""
+    r, other = Requirement(GUIDE, 'rms', 0.01, True), Requirement(GUIDE, 'max', 0.01, True)
+    assert falls({r: 0.125}, {r: 1.0}) == 0.25
+    assert falls({r: 0.125, other: 0.05}, {r: 1.0, other: 0.1}) == 1.0  # the slowest one counts, and what it says is nothing
+    assert falls({r: 0.125, other: 1e-6}, {r: 1.0, other: 1e-6}) == 0.25
+    assert falls({r: 0.125}, {}) == falls({r: 2.0}, {r: 1.0}) == 1.0
+
+
+@pytest.mark.slow
+def test_the_limit_of_a_car_is_nearer_to_that_of_shorter_steps_than_what_counts_of_its_band() -> None:
+    """With steps of 8, 4 and 2 ms, beside those of a quarter."""
+    scene = solver.load_scene('light_car_step_steer', ['duration=1', 'maneuver.steering.start=0.2'])
+    bench = Bench(scene, ('yaw_rate', 'sideslip_velocity', 'wheel_load.front_left'), (8e-3, 4e-3, 2e-3))
+    coarse, finest = (limit_of(bench, AS_GIVEN, converging(FULL, steps)) for steps in ((1.6e-2, 8e-3, 4e-3), (2e-3, 1e-3, 5e-4)))
+    found = limit_of(bench, AS_GIVEN, converging(FULL, bench.steps))
+    for name, error in finest.errors(found.as_run).items():
+        one = Requirement(name, 'rms', 1.0, False)
+        shares = [{one: of.band[name].rms / (0.01 * of.peaks[name])} for of in (found, coarse)]
+        assert error.rms <= falls(*shares) * found.band[name].rms, name
