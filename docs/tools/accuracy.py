@@ -189,7 +189,8 @@ HEAD = """# Accuracy: how much of a car a question needs
    the first answer with the error that `mbd run` tells of it.
 3. **No time?** `mbd plan ... --time 10`, or Ctrl-C: what is known by then is told, marked as what it is. The same
    command goes on from there. A longer `--time` buys more checks: "12 of 12 other maneuvers passed, the worst at 85 %
-   of the limit" leaves, statistically, up to 22 % that could fail; 24 leave 12 %, 59 leave 5 %.
+   of the limit" leaves, statistically, up to 22 % that could fail; 24 leave 12 %, 59 leave 5 %. Fewer than 8 are no
+   certificate: where runs are dear a plan ends `incomplete` with what it has measured.
 4. **Another scene of the same vehicle?** Plan that one too: a certificate holds for its maneuver and the ranges that
    it names. It goes faster, for prices of steps, derived levels and errors are kept by vehicle.
 5. **No plan at all?** The rule of thumb, and `mbd run` for the numerical error.

@@ -111,11 +111,12 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path, told: _Told, beg
     from mbd_sim_ros import interrupts
     from mbd_sim_ros.analysis.pages import write_text
     from mbd_sim_ros.analysis.plan_page import write_page
-    from solver.disk import location
+    from solver.disk import location, plain
     from solver.errors import BagError
     from solver.levels.auto import INCOMPLETE, OK, chosen, keep, plan_of
     from solver.trade.allowance import LONGEST, TIMES
     from solver.trade.certificate import plan
+    from solver.trade.certificate import price as price_of
     from solver.trade.search import Search
 
     def answered(answer: Answer) -> None:
@@ -139,6 +140,7 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path, told: _Told, beg
             data['notes'].append(f'the same command goes on where this plan ended: its runs are kept in {location() / RUNS}')
         if data['status'] == OK and not interrupts.received() and not search.allowance.late():
             _time(scene, data)
+            data['price'] |= plain(price_of(search, search.result.setting if search.result else None))  # with that time
         data['out'] = str(out)
         before = plan_of(scene) if data['status'] == INCOMPLETE else None
         if before is not None and before['status'] == OK:

@@ -67,6 +67,7 @@ from solver.trade.variations import AS_GIVEN, CORNERS, Variation, effective, ins
 
 CHECK_SHARE = 0.45  # of that which is kept for checking
 CHEAPER_SHARE = 0.2  # the same while subsystems are switched off
+END_SHARE = 0.05  # the same for what comes after the checks: the speed of what was found
 LEAST_CHECK_SHARE = 0.15  # the same as long as no setting has been found
 UNSEEN = 24  # maneuvers to check on: fewer than 12 % fail
 MORE_UNSEEN = 59  # where they cost little: fewer than 5 % fail
@@ -92,9 +93,9 @@ QUICK = ('kc', 'condensed')  # those that are derived in about a second where th
 
 
 def falls(bands: dict[Requirement, float], before: dict[Requirement, float]) -> float:
-    """What of the bands of a reference counts as its error. A band is how far the limit of the coarser steps was off. It falls from one
-    reference to the next, and that of the finest limit is the next of the sequence: it is taken to fall half as much at least as it did.
-    bands, before: shares of limits, with these steps and with twice these (none: not known)."""
+    """Part of the bands of a reference that counts as its error. A band is how far the limit of the coarser steps was off. It falls
+    from one reference to the next, and that of the finest limit is the next of the sequence: it is taken to fall half as much at
+    least as it did. bands, before: shares of limits, with these steps and with twice these (none: not known)."""
     falling = [band / before[r] for r, band in bands.items() if before.get(r, 0.0) > 0.0 and band > NOTHING]
     return min(1.0, 2.0 * max(falling)) if falling else 1.0
 
@@ -485,7 +486,7 @@ class Search:
             self.ended = True
             self.notes.append(f'the search was ended: {self.allowance.why_ended()}; what it had found by then is what counts')
         while best is not None:
-            self.allowance.until = 1.0  # cheapest() leaves it shorter whenever it finds something
+            self.allowance.until = 1.0 - END_SHARE  # cheapest() leaves it shorter whenever it finds something
             self.checks = self.check_unseen(best.setting)
             bad = [c for c in self.checks if not c.passed]
             failed = [c.variation for c in bad]

@@ -23,10 +23,11 @@ from solver.trade.certificate import plan
 from solver.trade.cost import PerStep
 from solver.trade.errors import Requirement
 from solver.trade.first import EARLIER
+from solver.trade.judging import Check
 from solver.trade.ledger import Spent
 from solver.trade.search import Search, falls
 from solver.trade.setting import Setting
-from solver.trade.variations import AS_GIVEN, CORNERS, varied
+from solver.trade.variations import AS_GIVEN, CORNERS, inside, varied
 
 GUIDE = 'joint_states/guide/position'
 PRICE = PerStep(14e-6, 5e-6, 1.0, 3.0)
@@ -221,3 +222,15 @@ def test_the_limit_of_a_car_is_nearer_to_that_of_shorter_steps_than_what_counts_
         one = Requirement(name, 'rms', 1.0, False)
         shares = [{one: of.band[name].rms / (0.01 * of.peaks[name])} for of in (found, coarse)]
         assert error.rms <= falls(*shares) * found.band[name].rms, name
+
+
+@pytest.mark.parametrize(('asked', 'passed', 'status'), [(None, 2, 'incomplete'), (None, 7, 'incomplete'), (None, 8, 'ok'), (2, 2, 'ok')])
+def test_a_certificate_rests_on_eight_passes_at_least(
+    asked: int | None, passed: int, status: str, priced: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Braking on split friction with 4 ms passed two other maneuvers and failed on the fourth."""
+    monkeypatch.setattr(Search, 'check_unseen', lambda self, setting: [Check(inside(k), 0.5, '', '') for k in range(passed)])
+    data = plan(guided(unseen=asked))
+    assert (data['status'], data['unseen']['passed']) == (status, passed)
+    if status != 'ok':
+        assert data['give'][0].endswith(f'it passed {passed} others, too few for a certificate, which takes 8')
