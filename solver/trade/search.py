@@ -393,8 +393,8 @@ class Search:
         base = dataclasses.replace(best.setting, off=())
         if derived(self.bench, base).engine is not None:
             return best
-        self.say('what subsystems save', ledger.SUBSYSTEMS)
         self.allowance.until = max(self.allowance.until, 1.0 - CHEAPER_SHARE)  # a cheaper setting is worth some checks
+        self.say('what subsystems save', ledger.SUBSYSTEMS)
         saved = self.knowledge.saved(base, run_of(self.bench, AS_GIVEN, base).counters['evaluations'])
         say = partial(self.say, purpose=ledger.SUBSYSTEMS)
         for one in influences(self.bench, base, self.shown, say, saved, SAVES):
