@@ -193,8 +193,8 @@ def couple(d: Draft, names: list[tuple[str, bool]]) -> None:
 
 def floating(d: Draft) -> None:
     """A body that only a bushing holds."""
-    name = d.body(d.place())
-    bush(d, d.base(), name, d.places[name][0] + d.direction() * d.size * 0.3)
+    base, name = d.base(), d.body(d.place())
+    bush(d, base, name, d.places[name][0] + d.direction() * d.size * 0.3)
 
 
 def bush(d: Draft, i: str, j: str, at: np.ndarray) -> None:
