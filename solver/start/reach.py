@@ -29,6 +29,9 @@ from solver.start.newton import ConsistentState
 AHEAD = 20  # steps that a driver is followed beyond a step that failed: near the end of its reach no step converges
 HALVINGS = 30  # of the way between a value within reach and one beyond it
 ITERATIONS = 100  # of one assembly
+COARSEST = (
+    1e-6  # m or rad: spacing of the numbers about a value that is taken for one, at 4e9; ten times as much lets constraints stay open
+)
 IN_LINE = 0.01  # sine between bars that are in line, at the end of a reach that is known to 1e-9 of the way to it
 PARALLEL = 0.9999  # cosine of hinges that are parallel
 LOADED = 0.2  # of the largest of the balanced forces, from which a constraint is named
@@ -52,7 +55,13 @@ def beyond_reach(model: Model, state: State, u: np.ndarray, h: float = 0.0) -> s
     wanted = u.copy()
     index = {name: k for k, name in enumerate(model.spec.inputs)}
     for c in drivers:
-        wanted[index[f'{c.input}']] += AHEAD * h * u[index[f'{c.input}_rate']]
+        channel = index[f'{c.input}']
+        wanted[channel] += AHEAD * h * u[index[f'{c.input}_rate']]
+        if np.spacing(abs(wanted[channel])) > COARSEST:
+            asked, digits = f'{wanted[channel]:.4g} {_unit(model, c)}', f'{np.spacing(abs(wanted[channel])):.2g}'
+            return (
+                f'driver {c.name!r} asks for {c.input} = {asked}, whose last digit is worth {digits}; keep it below 4e9, or check its unit'
+            )
     if _closed(model, state, wanted) is not None:
         return ''
     found, names = [], []
@@ -103,7 +112,7 @@ def _end(model: Model, driver: CouplerSpec, start: State, wanted: np.ndarray, u:
         else:
             near = float(at[channel])
             copy_state(found, last)
-    name, unit = driver.terms[0][0], 'm' if _translates(model, driver.terms[0][0]) else 'rad'
+    name, unit = driver.terms[0][0], _unit(model, driver)
     asks = f'asks for {driver.input} = {u[channel]:.4g} {unit}'
     if (u[channel] - near) * (wanted[channel] - near) <= 0.0:  # it is on its way there
         asks = f'moves on from {driver.input} = {u[channel]:.4g} {unit} to {far:.4g} {unit}'
@@ -115,8 +124,8 @@ def _end(model: Model, driver: CouplerSpec, start: State, wanted: np.ndarray, u:
     )
 
 
-def _translates(model: Model, name: str) -> bool:
-    return bool(model.tables.coordinates.kind[model.coordinate_names.index(name)] == TRANSLATION)
+def _unit(model: Model, driver: CouplerSpec) -> str:
+    return 'm' if model.tables.coordinates.kind[model.coordinate_names.index(driver.terms[0][0])] == TRANSLATION else 'rad'
 
 
 def _in_line(model: Model, state: State) -> str:

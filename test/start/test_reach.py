@@ -139,3 +139,9 @@ def test_a_run_that_goes_on_beyond_the_reach_says_so_at_its_end() -> None:
     s.advance(600)
     (text,) = [found.text for found in findings(s) if found.quantity == 'contradiction']
     assert "driver 'press' asks for press = 2.8 m of 'slide', and the mechanism reaches 1.268 m at most, where 'crank' and 'rod'" in text
+
+
+@pytest.mark.parametrize('asked', [1.91e14, -5e10])
+def test_a_driver_whose_value_has_no_digits_left_is_named_without_a_search(asked: float) -> None:
+    with pytest.raises(MbdError, match=r"driver 'motor' asks for motor = .* rad, whose last digit is worth .*; keep it below 4e9"):
+        simulation(FOUR_BAR, {'motor': asked})
