@@ -34,7 +34,7 @@ ROTATION = Check(
     limit=LARGEST_WOUND,
     rule='turn of a bushing, whose torque jumps to the other side at pi; none where no bushing resists turning',
     measure=rotation,
-    reason='bushing {where!r} turns as far as pi, where its torque changes sides',
+    reason='bushing {where!r} turns by nearly 180 deg, where its torque jumps to the other sign',
     remedy='Replace it by a joint that turns so far, with a coordinate_force on its angle',
     plan='scene',
 )
@@ -48,7 +48,7 @@ def branch_switches(e: Evidence) -> Iterator[Measured]:
     if e.watched:
         yield Measured(value=len(e.switches), time=first)
     else:
-        other = 'a step that failed was divided, and the steps after it went another way'
+        other = 'a step that failed was divided, and the shorter steps continued on another branch'
         yield Measured(value=len(e.switches), time=first, reason=other)
 
 

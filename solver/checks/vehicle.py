@@ -24,7 +24,7 @@ from solver.inputs.maneuver import ManeuverSource
 
 LEANING = math.radians(60.0)  # rad: from there on tires lose their friction (docs/tire.md), and no car comes back onto its wheels
 PRESSED = 1.05  # of the angle of the end stops; with ten times as much beyond them rods of many cars pass their dead centre
-BEFORE = 'No vehicle can do that: only what was before is to be believed'
+BEFORE = 'No vehicle can do that: results are valid only before this time'
 
 
 def steering_end(e: Evidence) -> Iterator[Measured]:
@@ -45,7 +45,7 @@ STEERING_END = Check(
     unit='rad',
     rule='`steering.lock` of the vehicle, or where its tie rods come within 20 degrees of their dead centre: a '
     'maneuver that asks for more '
-    'is held there; of a motion, {PRESSED:g} times that',
+    f'is held there; of a motion, {PRESSED:g} times that',
     measure=steering_end,
     reason='the steering wheel is turned beyond its end stops, where no steering goes',
     remedy=BEFORE,
