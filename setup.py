@@ -10,12 +10,20 @@ from setuptools.command.build_py import build_py
 NAME = 'mbd_sim_ros'
 SHARE = f'share/{NAME}'
 ROOT = Path(__file__).parent
-# What compiles kernels, computes, and writes recordings: from the oldest to the newest versions that have been tested, for the cache of
-# kernels uses private parts of numba, and the bits have to stay. Continuous integration runs both ends (.ci/ends).
-COMPILED_WITH = ['numba>=0.58.1,<0.69', 'llvmlite>=0.41.1,<0.51', 'numpy>=1.26.0,<2.5', 'scipy>=1.11.1,<1.18', 'mcap>=1.5.0,<1.7']
+# What compiles kernels, computes, and writes recordings: from the oldest to the newest versions that have been tested,
+# for the cache of kernels uses private parts of numba, and the bits have to stay. Continuous integration runs both ends
+# (.ci/ends).
+COMPILED_WITH = [
+    'numba>=0.58.1,<0.69',
+    'llvmlite>=0.41.1,<0.51',
+    'numpy>=1.26.0,<2.5',
+    'scipy>=1.11.1,<1.18',
+    'mcap>=1.5.0,<1.7',
+]
 
-# What users run of the lab. The rest proves the program to itself (studies of the method, random mechanisms, published results): it stays
-# in the source tree, where `make setup` runs it. A module of the lab that is new is not installed unless it is named here.
+# What users run of the lab. The rest proves the program to itself (studies of the method, random mechanisms, published
+# results): it stays in the source tree, where `make setup` runs it. A module of the lab that is new is not installed
+# unless it is named here.
 LAB = (
     '__init__',
     'benchmarks.*',
@@ -39,7 +47,8 @@ def is_installed(module: str) -> bool:
 
 
 def data_files() -> list[tuple[str, list[str]]]:
-    """Scene data, launch files and documents go to share/, with their directories; colcon needs paths relative to this file."""
+    """Scene data, launch files and documents go to share/, with their directories; colcon needs paths relative to this
+    file."""
     files = defaultdict(list)
     files['share/ament_index/resource_index/packages'].append(f'resource/{NAME}')
     files[SHARE] += ['package.xml', 'README.md', 'CHANGELOG.rst']
@@ -80,7 +89,8 @@ setup(
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp'],
         # The integrators reference_bdf, reference_radau (scipy_dae) and reference_ida (SUNDIALS).
         'references': ['scipy_dae', 'scikit-sundae'],
-        # Recordings as pandas DataFrames or xarray Datasets (mbd_sim_ros.analysis.load) and Parquet files (mbd export --parquet).
+        # Recordings as pandas DataFrames or xarray Datasets (mbd_sim_ros.analysis.load) and Parquet files (mbd export
+        # --parquet).
         'analysis': ['pandas', 'pyarrow', 'xarray'],
         # MDF measurements (.mf4) and CAN logs (.blf, .asc) in mbd compare and mbd evaluate.
         'loggers': ['asammdf', 'python-can'],
@@ -91,7 +101,8 @@ setup(
         'cluster': ['distributed'],
         # ffmpeg, for films in MP4 (mbd view) where the system has none.
         'video': ['imageio-ffmpeg'],
-        # The viewer of `mbd view --rerun` and files for it: 170 MB to fetch, 500 MB installed; of the other extras only `test` has it.
+        # The viewer of `mbd view --rerun` and files for it: 170 MB to fetch, 500 MB installed; of the other extras only
+        # `test` has it.
         'rerun': ['rerun-sdk'],
         # The peers of `mbd study work_precision` (exudyn) and `mbd bench`.
         'bench': ['exudyn', 'mujoco'],

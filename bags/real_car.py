@@ -1,15 +1,13 @@
-"""A recording as a measured car gives it, made from a simulation: other names, rates, units and axes, stamps with the time of day, noise.
+"""A recording as a measured car gives it, made from a simulation: other names, rates, units and axes, stamps with the
+time of day, noise.
 
     python bags/real_car.py bags/real_car --seed 7
 
 The full car is driven through the step steer of the scene car_step_steer, recorded at every step, and sensors read it:
 
-| topic | type | rate | what |
-|---|---|---|---|
-| vehicle/imu | sensor_msgs/Imu | 100 Hz, stamps scatter by 0.2 ms | x forward, y right, z down; its lateral axis reads 2 % too much |
-| can/steering_wheel_angle | std_msgs/Float64 | 100 Hz | deg |
-| can/yaw_rate | std_msgs/Float64 | 50 Hz | deg/s |
-| can/speed | std_msgs/Float64 | 20 Hz | km/h |
+| topic | type | rate | what | |---|---|---|---| | vehicle/imu | sensor_msgs/Imu | 100 Hz, stamps scatter by 0.2 ms | x
+forward, y right, z down; its lateral axis reads 2 % too much | | can/steering_wheel_angle | std_msgs/Float64 | 100 Hz |
+deg | | can/yaw_rate | std_msgs/Float64 | 50 Hz | deg/s | | can/speed | std_msgs/Float64 | 20 Hz | km/h |
 
 The recorder was switched on 0.137 s after the simulation begins. Everything random follows from the seed.
 """
@@ -48,7 +46,9 @@ CAN = {
 
 def driven() -> reader.Run:
     """The drive, every millisecond."""
-    simulation = simulation_of(load_scene('car_step_steer', (f'duration={DURATION}', 'record.every=1', 'record.elements=false')))
+    simulation = simulation_of(
+        load_scene('car_step_steer', (f'duration={DURATION}', 'record.every=1', 'record.elements=false'))
+    )
     with tempfile.TemporaryDirectory() as place:
         simulate(simulation, simulation.scene.steps, directory=Path(place) / 'drive')
         return reader.read(Path(place) / 'drive', ['imu/*', *(channel for channel, *_ in CAN.values())])
@@ -60,7 +60,9 @@ def measure(run: reader.Run, directory: Path, seed: int) -> Path:
 
     def read(channel: str, t: np.ndarray, noise: float, factor: float = 1.0) -> np.ndarray:
         one = next(series for series in run.series.values() if channel in series.columns)
-        return factor * np.interp(t + LATE, one.time_ns * 1e-9, one.columns[channel]) + noise * rng.standard_normal(t.size)
+        return factor * np.interp(t + LATE, one.time_ns * 1e-9, one.columns[channel]) + noise * rng.standard_normal(
+            t.size
+        )
 
     t = np.arange(0.0, DURATION - LATE, 0.01)
     t[1:] += SCATTER * rng.standard_normal(t.size - 1)

@@ -1,4 +1,5 @@
-"""ros2 launch mbd_sim_ros sim.launch.py scene:=NAME [play:=true] [record:=true] [rviz:=true] [foxglove:=true] [namespace:=car1] ...
+"""ros2 launch mbd_sim_ros sim.launch.py scene:=NAME [play:=true] [record:=true] [rviz:=true] [foxglove:=true]
+[namespace:=car1] ...
 
 Arguments that are not given are as the parameter file has them (params:=FILE). Nodes of this launch talk to this
 machine only, unless open:=true or ROS_AUTOMATIC_DISCOVERY_RANGE is set. The launch ends when the simulator ends, with
@@ -8,7 +9,14 @@ exit code 1 if that failed.
 import os
 
 import yaml
-from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, RegisterEventHandler, SetEnvironmentVariable, Shutdown
+from launch.actions import (
+    DeclareLaunchArgument,
+    LogInfo,
+    OpaqueFunction,
+    RegisterEventHandler,
+    SetEnvironmentVariable,
+    Shutdown,
+)
 from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -30,9 +38,13 @@ ARGUMENTS = {
     'foxglove': ('false', 'open a bridge for Foxglove on port 8765, when that is installed'),
     'open': ('false', 'talk to other machines too (docs/ros.md, Security)'),
     'namespace': ('', 'namespace of both nodes'),
-    'params': (PathJoinSubstitution([FindPackageShare('mbd_sim_ros'), 'config', 'node.yaml']), 'parameter file of the simulator'),
+    'params': (
+        PathJoinSubstitution([FindPackageShare('mbd_sim_ros'), 'config', 'node.yaml']),
+        'parameter file of the simulator',
+    ),
 }
-TYPES = {'scene': str, 'mode': str, 'rate_factor': float, 'duration': float, 'record': bool}  # of those that are parameters too
+# of those that are parameters too
+TYPES = {'scene': str, 'mode': str, 'rate_factor': float, 'duration': float, 'record': bool}
 
 
 def ended(event, _context):
@@ -65,11 +77,13 @@ def modes(tree):
 
 
 def nodes(context):
-    """The simulator, and the maneuver if wanted, with what is given as arguments; the default of one would hide what the file says."""
+    """The simulator, and the maneuver if wanted, with what is given as arguments; the default of one would hide what
+    the file says."""
     given = {name: kind for name, kind in TYPES.items() if name == 'scene' or context.launch_configurations[name]}
     parameters = {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in given.items()}
     namespace = LaunchConfiguration('namespace')
-    rate = {'rate': 0.0} if in_lockstep(context.launch_configurations) else {}  # every state is answered, or each waits for it
+    # every state is answered, or each waits for it
+    rate = {'rate': 0.0} if in_lockstep(context.launch_configurations) else {}
     simulator = Node(
         package='mbd_sim_ros',
         executable='simulator',
@@ -92,7 +106,11 @@ def nodes(context):
 
 VIEWERS = {  # argument -> package, executable, what to say when it is missing
     'rviz': ('rviz2', 'rviz2', 'install ros-jazzy-rviz2, or look at the recording with `mbd view`'),
-    'foxglove': ('foxglove_bridge', 'foxglove_bridge', 'install ros-jazzy-foxglove-bridge, or open the recording in Foxglove'),
+    'foxglove': (
+        'foxglove_bridge',
+        'foxglove_bridge',
+        'install ros-jazzy-foxglove-bridge, or open the recording in Foxglove',
+    ),
 }
 LAYOUT = PathJoinSubstitution([FindPackageShare('mbd_sim_ros'), 'config', 'layouts', 'car.rviz'])
 
@@ -112,9 +130,12 @@ def viewers(context):
             continue
         namespace = context.launch_configurations['namespace']
         arguments = {'arguments': ['-d', LAYOUT]} if name == 'rviz' else {}
-        # By the clock of the day a reset is data of the past: transforms are kept as they were until it has been caught up.
+        # By the clock of the day a reset is data of the past: transforms are kept as they were until it has been caught
+        # up.
         time = {'parameters': [{'use_sim_time': True}]}
-        entities.append(Node(package=package, executable=executable, namespace=namespace, output='screen', **time, **arguments))
+        entities.append(
+            Node(package=package, executable=executable, namespace=namespace, output='screen', **time, **arguments)
+        )
     return entities
 
 
@@ -129,7 +150,10 @@ def generate_launch_description() -> LaunchDescription:
     """The simulator and, if wanted, the maneuver that drives it."""
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(name, default_value=default, description=text) for name, (default, text) in ARGUMENTS.items()),
+            *(
+                DeclareLaunchArgument(name, default_value=default, description=text)
+                for name, (default, text) in ARGUMENTS.items()
+            ),
             OpaqueFunction(function=discovery),  # before anything is started
             OpaqueFunction(function=nodes),
             OpaqueFunction(function=viewers),

@@ -1,7 +1,7 @@
 """The ROS edge of the simulator: messages, recordings, node. Only `node` needs rclpy.
 
-The public interface, documented in docs/api.md: a run as fast as it goes, and recordings as columns or data frames. Nothing heavy is
-imported before it is asked for.
+The public interface, documented in docs/api.md: a run as fast as it goes, and recordings as columns or data frames.
+Nothing heavy is imported before it is asked for.
 """
 
 from __future__ import annotations

@@ -59,7 +59,8 @@ def record(
 ) -> tuple[Messages, StepRecorder]:
     """The encoder and the recorder of a simulation's scene; the recording begins with its state now.
 
-    frame_prefix: put before every frame name. parameters: for the description. Raises BagError when the directory cannot be written.
+    frame_prefix: put before every frame name. parameters: for the description. Raises BagError when the directory
+    cannot be written.
     """
     scene, channels = simulation.scene, simulation.channels
     messages = Messages.of(scene, simulation, frame_prefix)
@@ -105,7 +106,9 @@ class _Meter:
 class _Track:
     """The recording of a run, or none: then it only looks whether what is shown is finite."""
 
-    def __init__(self, simulation: Simulation, directory: Path | None, frame_prefix: str, parameters: Mapping[str, Any] | None) -> None:
+    def __init__(
+        self, simulation: Simulation, directory: Path | None, frame_prefix: str, parameters: Mapping[str, Any] | None
+    ) -> None:
         self._simulation = simulation
         self._writing = None
         self._written = -1  # step whose messages were recorded last
@@ -119,7 +122,8 @@ class _Track:
             self._take(*self._writing, self._simulation.snapshot())
 
     def follow(self, snapshot: Snapshot, *, ends: bool) -> None:
-        """Note the inputs of the steps that led to a snapshot, and record it where it is its turn, or where the run ends."""
+        """Note the inputs of the steps that led to a snapshot, and record it where it is its turn, or where the run
+        ends."""
         simulation = self._simulation
         if self._writing is None:
             require_finite(snapshot, simulation.channels)
@@ -138,7 +142,9 @@ class _Track:
         """Finish the recording."""
         if self._writing is not None:
             events = json.dumps([event._asdict() for event in self._simulation.events])
-            self._writing[1].close({**verdict, **{key: f'{value!r}' for key, value in figures.items()}, 'event_list': events})
+            self._writing[1].close(
+                {**verdict, **{key: f'{value!r}' for key, value in figures.items()}, 'event_list': events}
+            )
 
 
 class _Past:
@@ -160,9 +166,9 @@ class _Past:
 class _Run:
     """A run while it is made: who follows its steps, and what becomes of it.
 
-    twin: measures its error, where somebody asks for it. status, found, covered, explaining, signal, failure: how it ended, what
-    makes it suspect, what of that a certificate or its error takes the place of, and the number of the signal or the error that ended
-    it early.
+    twin: measures its error, where somebody asks for it. status, found, covered, explaining, signal, failure: how it
+    ended, what makes it suspect, what of that a certificate or its error takes the place of, and the number of the
+    signal or the error that ended it early.
     """
 
     simulation: Simulation
@@ -259,17 +265,22 @@ def simulate(
     show a bar if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time.
     state: of Simulation.save(). from_start: record the state at the beginning too. frame_prefix, parameters: as
     record() takes them. looking_back: a run that fails leaves in its recording another one, `last_steps`: the last LAST
-    steps at least, every one, from a saved state on, so that `mbd replay` can start again from just before. error: make a
-    twin with another step, which tells the numerical error (solver.analysis.error_bar), for half the steps again; of a run from
-    the start by its own maneuver. `status` is
-    'ok' or 'suspect', `findings` say why, `covered` what the certificate of a plan covers
-    (solver.analysis.certificate_coverage), `explaining` what the error decides in place of; `errors` and `error_text` are
-    that; `passed` is false where the scene does not allow what was found. A recording
+    steps at least, every one, from a saved state on, so that `mbd replay` can start again from just before. error: make
+    a twin with another step, which tells the numerical error (solver.analysis.error_bar), for half the steps again; of
+    a run from the start by its own maneuver. `status` is 'ok' or 'suspect', `findings` say why, `covered` what the
+    certificate of a plan covers (solver.analysis.certificate_coverage), `explaining` what the error decides in place
+    of; `errors` and `error_text` are that; `passed` is false where the scene does not allow what was found. A recording
     is always closed, with the verdict or what ended the run. Raises StepError, BagError, and KeyboardInterrupt(sentence
     to show, signal number) between two steps.
     """
     measured = error and state is None and source is None
-    with tqdm(total=steps + steps // 2 * measured, unit='step', desc='compiling', disable=None if progress else True, leave=False) as bar:
+    with tqdm(
+        total=steps + steps // 2 * measured,
+        unit='step',
+        desc='compiling',
+        disable=None if progress else True,
+        leave=False,
+    ) as bar:
         interrupts.now(f'preparing {simulation.scene.name}')
         warm_up(simulation)
         if state is not None:
@@ -339,7 +350,8 @@ def _last_steps(
     frame_prefix: str,
     parameters: Mapping[str, Any] | None,
 ) -> str:
-    """Record the steps from a state (None: the start) to the failure, every one; returns a phrase that says where they are."""
+    """Record the steps from a state (None: the start) to the failure, every one; returns a phrase that says where they
+    are."""
     scene = simulation.scene
     resolved = load_scene_text(scene.resolved, overrides=['record.every=1']).resolved if scene.resolved else ''
     each = dataclasses.replace(scene, record=dataclasses.replace(scene.record, every=1), resolved=resolved)
@@ -355,8 +367,8 @@ def _last_steps(
 
 
 def _figures(simulation: Simulation, first: int, until: Mapping[str, float], wall: float, cpu: float) -> dict[str, Any]:
-    """Speed of the steps made since step `first`, when the totals were `until`, and accuracy of the whole run. wall, cpu: seconds spent in
-    all and in the steps.
+    """Speed of the steps made since step `first`, when the totals were `until`, and accuracy of the whole run. wall,
+    cpu: seconds spent in all and in the steps.
     """
     audit, n = simulation.totals(), max(simulation.k - first, 1)
     return {

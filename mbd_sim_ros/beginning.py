@@ -22,9 +22,12 @@ def is_program(name: str) -> bool:
 
 
 def hold(*programs: str) -> None:
-    """Have signals wait if this process was started as one of these console scripts, or as `python -m` one of these modules."""
+    """Have signals wait if this process was started as one of these console scripts, or as `python -m` one of these
+    modules."""
     global _held
-    if any(map(is_program, programs)) or any(before == '-m' and after in programs for before, after in pairwise(sys.orig_argv)):
+    if any(map(is_program, programs)) or any(
+        before == '-m' and after in programs for before, after in pairwise(sys.orig_argv)
+    ):
         signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         _held = True
 

@@ -1,4 +1,5 @@
-"""Bar while kernels compile: how many of about how many. It is drawn on a terminal only, and goes when the compiler rests."""
+"""Bar while kernels compile: how many of about how many. It is drawn on a terminal only, and goes when the compiler
+rests."""
 
 from __future__ import annotations
 
@@ -10,16 +11,17 @@ from tqdm import tqdm
 
 from solver.model.spec import ModelSpec
 
-# Kernels that the first run of a new version compiles, about: of a scene without tires and of a car with all its elements, as
-# `MBD_CACHE_DIR=$(mktemp -d) mbd run slider_crank --no-record` and car_step_steer count them (a test does). They are the length of the bar
-# and nothing else: where more is compiled the bar grows, where less is, it ends early.
+# Kernels that the first run of a new version compiles, about: of a scene without tires and of a car with all its
+# elements, as `MBD_CACHE_DIR=$(mktemp -d) mbd run slider_crank --no-record` and car_step_steer count them (a test
+# does). They are the length of the bar and nothing else: where more is compiled the bar grows, where less is, it ends
+# early.
 OF_MECHANISM, OF_CAR = 193, 401
 FORMAT = '{desc}: {n_fmt} of about {total_fmt} kernels |{bar:30}| {elapsed}'
 
 
 class Bar(event.Listener):
-    """Count of the kernels of the solver that numba has compiled, those too that were compiled for others. total: about how many there
-    will be. shown: draw it."""
+    """Count of the kernels of the solver that numba has compiled, those too that were compiled for others. total: about
+    how many there will be. shown: draw it."""
 
     def __init__(self, *, shown: bool) -> None:
         self.total, self.count, self.shown = OF_CAR, 0, shown
@@ -46,7 +48,9 @@ class Bar(event.Listener):
         if not self.shown:
             return
         if self._drawn is None:
-            self._drawn = tqdm(total=self.total, desc='compiling, once for a version', leave=False, file=sys.stderr, bar_format=FORMAT)
+            self._drawn = tqdm(
+                total=self.total, desc='compiling, once for a version', leave=False, file=sys.stderr, bar_format=FORMAT
+            )
         self._drawn.total = max(self.total, self.count)
         self._drawn.n = self.count
         self._drawn.refresh()
@@ -60,8 +64,8 @@ _bar: Bar | None = None
 
 
 def tell(shown: bool, model: ModelSpec) -> None:
-    """Draw a bar whenever this process compiles kernels from now on, if shown and if the standard error is a terminal. model: what is
-    compiled next."""
+    """Draw a bar whenever this process compiles kernels from now on, if shown and if the standard error is a terminal.
+    model: what is compiled next."""
     global _bar
     if not shown or not sys.stderr.isatty():
         return

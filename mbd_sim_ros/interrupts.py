@@ -140,7 +140,8 @@ def install(say: Callable[[str], None], code: int | None = None) -> None:
 def leave() -> None:
     """Ignore signals from now on: the work is done, and the end of the interpreter must not count as interrupted."""
     for number in SIGNALS:
-        signal.signal(number, signal.SIG_IGN)  # the interpreter takes every other handler back, and then the signal kills
+        # the interpreter takes every other handler back, and then the signal kills
+        signal.signal(number, signal.SIG_IGN)
 
 
 def end(code: int) -> None:

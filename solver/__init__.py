@@ -46,7 +46,9 @@ __all__ = [
     'simulation_of',
 ]
 _HOMES = {  # public name -> module it is imported from when it is asked for
-    **dict.fromkeys(('BagError', 'ConsistencyError', 'MbdError', 'SceneError', 'SpecError', 'StepError'), 'solver.errors'),
+    **dict.fromkeys(
+        ('BagError', 'ConsistencyError', 'MbdError', 'SceneError', 'SpecError', 'StepError'), 'solver.errors'
+    ),
     **dict.fromkeys(('Channels', 'Snapshot'), 'solver.output.snapshot'),
     'Scene': 'solver.scene',
     'Simulation': 'solver.simulation',
@@ -58,8 +60,8 @@ _HOMES = {  # public name -> module it is imported from when it is asked for
 def load_scene(name: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """Load a scene by path, or by its name in config/scenes.
 
-    overrides: 'a.b.c=value' assignments, as with --set; applied in order before anything is checked. Raises SceneError (one sentence:
-    file, line, key, value, remedy).
+    overrides: 'a.b.c=value' assignments, as with --set; applied in order before anything is checked. Raises SceneError
+    (one sentence: file, line, key, value, remedy).
     """
     from solver.files import scene
 

@@ -1,8 +1,9 @@
-"""Numbers with their units, for the hints of specifications: solver.files.schema reads the unit there, for tables, axes and suffixes.
+"""Numbers with their units, for the hints of specifications: solver.files.schema reads the unit there, for tables, axes
+and suffixes.
 
-`Length | None` and `tuple[Length, ...]` have the unit too. Who needs one that is not here writes Annotated[float, 'W/K'].
-A quantity whose meaning bounds it also carries the bound (Within): a number beyond it is one in another unit, and files with it are
-refused.
+`Length | None` and `tuple[Length, ...]` have the unit too. Who needs one that is not here writes Annotated[float,
+'W/K']. A quantity whose meaning bounds it also carries the bound (Within): a number beyond it is one in another unit,
+and files with it are refused.
 """
 
 from __future__ import annotations
@@ -10,13 +11,16 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-LOCK = 20.0  # rad at the steering wheel, from the middle: lorries have 18; ten times as much would let 57 deg pass for 57 rad
+# rad at the steering wheel, from the middle: lorries have 18; ten times as much would let 57 deg pass for 57 rad
+LOCK = 20.0
 
-BOUND_ROUNDING = 1e-9  # relative rounding of a bound that a number may meet: 360 deg are one turn; 1e-8 would do as well
+# relative rounding of a bound that a number may meet: 360 deg are one turn; 1e-8 would do as well
+BOUND_ROUNDING = 1e-9
 
 
 class Within(NamedTuple):
-    """The largest magnitude, in the unit of the hint, with which a quantity still means something. `what` ends "is too large for ...".
+    """The largest magnitude, in the unit of the hint, with which a quantity still means something. `what` ends "is too
+    large for ...".
 
     Ten times as much would let degrees pass for radians.
     """
@@ -34,10 +38,13 @@ Area = Annotated[float, 'm^2']
 Speed = Annotated[float, 'm/s']
 Acceleration = Annotated[float, 'm/s^2']
 Angle = Annotated[float, 'rad', Within(2.0 * math.pi, 'an angle (one turn at most)')]
-Toe = Annotated[float, 'rad', Within(math.radians(5.0), 'the toe of a wheel (5 deg at most)')]  # of race cars up to 3 deg
-Camber = Annotated[float, 'rad', Within(math.radians(10.0), 'the camber of a wheel (10 deg at most)')]  # of race cars up to 6 deg
+# of race cars up to 3 deg
+Toe = Annotated[float, 'rad', Within(math.radians(5.0), 'the toe of a wheel (5 deg at most)')]
+# of race cars up to 6 deg
+Camber = Annotated[float, 'rad', Within(math.radians(10.0), 'the camber of a wheel (10 deg at most)')]
 WheelTurn = Annotated[float, 'rad', Within(LOCK, 'the angle of a steering wheel (20 rad, three turns, at most)')]
-HandRate = Annotated[float, 'rad/s', Within(60.0, 'the rate of a steering wheel (60 rad/s at most)')]  # of steering robots up to 44 rad/s
+# of steering robots up to 44 rad/s
+HandRate = Annotated[float, 'rad/s', Within(60.0, 'the rate of a steering wheel (60 rad/s at most)')]
 Rate = Annotated[float, 'rad/s']  # of rotation
 YawRate = Annotated[float, 'rad/s', Within(1.0, 'the threshold of a yaw rate (57 deg/s at most)')]
 

@@ -1,9 +1,9 @@
 """Everything that is kept on disk: files that are whole or not there, stores, locks, digests of sources, JSON.
 
-A *store* is a directory of values under names. A value is named after all that it depends on, so none is ever out of date.
-Its file begins with a proof, a digest of that and of the content, so a damaged one is as good as none. Files appear by
-renaming and need no other file: processes read, write and remove them at the same time, and whoever is killed, or finds
-the disk full, leaves what was there before.
+A *store* is a directory of values under names. A value is named after all that it depends on, so none is ever out of
+date. Its file begins with a proof, a digest of that and of the content, so a damaged one is as good as none. Files
+appear by renaming and need no other file: processes read, write and remove them at the same time, and whoever is
+killed, or finds the disk full, leaves what was there before.
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ def atomic_write(file: Path) -> Iterator[Path]:
 
 
 class Store:
-    """A directory of values, made with the first one. bounded: what nobody uses is removed before the first write (prune).
-    damaged: names of files that did not fit."""
+    """A directory of values, made with the first one. bounded: what nobody uses is removed before the first write
+    (prune). damaged: names of files that did not fit."""
 
     def __init__(self, directory: Path, *, bounded: bool = False) -> None:
         self.directory = directory
@@ -155,8 +155,8 @@ class Store:
 
 
 def derived(what: str, subject: str, make: Callable[[], Any]) -> Any:
-    """A value that takes a while to derive, made once (Store.made). what: names the kind of data, and the file. subject: says
-    all that it depends on besides the sources of the solver, e.g. repr() of a ModelSpec."""
+    """A value that takes a while to derive, made once (Store.made). what: names the kind of data, and the file.
+    subject: says all that it depends on besides the sources of the solver, e.g. repr() of a ModelSpec."""
     identity = sources(), what, subject
     return Store(location() / 'levels', bounded=True).made(f'{what}-{digest(*identity).hex()}.json', make, *identity)
 
@@ -167,7 +167,8 @@ def _proof(identity: Iterable[bytes | str], content: bytes) -> bytes:
 
 @contextmanager
 def alone(directory: Path) -> Iterator[None]:
-    """A directory, made where it is not there, in which no other command goes on meanwhile; a process that dies lets go of it.
+    """A directory, made where it is not there, in which no other command goes on meanwhile; a process that dies lets go
+    of it.
 
     Raises BagError.
     """
@@ -180,7 +181,9 @@ def alone(directory: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise BagError(f'--out {directory}: another mbd is at work there; wait for its end, or choose another place') from None
+            raise BagError(
+                f'--out {directory}: another mbd is at work there; wait for its end, or choose another place'
+            ) from None
         except OSError:  # a file system without locks
             pass
         yield
@@ -188,7 +191,8 @@ def alone(directory: Path) -> Iterator[None]:
 
 @functools.cache
 def sources(*places: Path, suffixes: tuple[str, ...] = ('.py',)) -> str:
-    """A digest, in 32 hexadecimal digits, of all files with these endings at or below the places: by default of the solver."""
+    """A digest, in 32 hexadecimal digits, of all files with these endings at or below the places: by default of the
+    solver."""
     parts: list[bytes] = []
     for top in places or (Path(__file__).parent,):
         files = [path for path in sorted(top.rglob('*')) if path.suffix in suffixes] if top.is_dir() else [top]
@@ -201,7 +205,10 @@ def syntax(text: bytes) -> bytes:
     """Syntax tree of a source file, without docstrings, comments and places."""
     tree = ast.parse(text)
     for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node, clean=False) is not None:
+        if (
+            isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+            and ast.get_docstring(node, clean=False) is not None
+        ):
             del node.body[0]
     return ast.dump(tree).encode()
 

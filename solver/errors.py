@@ -48,16 +48,21 @@ PACKAGES = {'yaml': 'pyyaml'}  # name of a module -> that of its package, where 
 
 
 def missing(error: ImportError) -> str:
-    """Sentence about a module that is not installed or does not load, with what to do; '' where it is one of ours: that is a defect."""
+    """Sentence about a module that is not installed or does not load, with what to do; '' where it is one of ours: that
+    is a defect."""
     name = (error.name or '').partition('.')[0]
     if name in OWN:
         return ''
     if not isinstance(error, ModuleNotFoundError):
         text = ' '.join(str(error).split()).rstrip('.')
-        return f'a Python package does not load ({text}): python -m pip install --upgrade mbd_sim_ros brings versions that go together'
+        return (
+            f'a Python package does not load ({text}): python -m pip install --upgrade mbd_sim_ros brings versions '
+            'that go together'
+        )
     if name == 'rclpy' or name.endswith(('_msgs', '_srvs', '_interfaces')):
         return (
-            f'{name} is missing: source a ROS 2 Jazzy installation that has it (source /opt/ros/jazzy/setup.bash), or, where there is '
+            f'{name} is missing: source a ROS 2 Jazzy installation that has it (source /opt/ros/jazzy/setup.bash), or, '
+            'where there is '
             "none, install the wheels with: pip install 'mbd_sim_ros[ros]'"
         )
     package = PACKAGES.get(name, name)

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 class Finding:
     """Reason why a run is suspect: a value beyond the limit of a check (solver.checks).
 
-    quantity: the name of the check. time: of the worst instant [s], None when it has none. where: the body or constraint row that is worst,
-    or empty. of: what the value is of, where a check looks at several things, or empty. required: whether the limit is one that the scene
-    requires. text: two sentences, what was found with its numbers, and what to do.
+    quantity: the name of the check. time: of the worst instant [s], None when it has none. where: the body or
+    constraint row that is worst, or empty. of: what the value is of, where a check looks at several things, or empty.
+    required: whether the limit is one that the scene requires. text: two sentences, what was found with its numbers,
+    and what to do.
     """
 
     quantity: str
@@ -40,7 +41,8 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Certified:
-    """A finding of the runs that a plan was measured on: its kind (quantity, of, where), and how far it went beyond a limit."""
+    """A finding of the runs that a plan was measured on: its kind (quantity, of, where), and how far it went beyond a
+    limit."""
 
     quantity: str
     of: str

@@ -1,7 +1,8 @@
 """Several independent simulations side by side, in threads of one process.
 
-Compiled steps run without the interpreter lock (solver.compiled.kernel), and a Simulation shares nothing that changes with another one:
-tables, states and scratch are its own. So threads change no bits, and they gain most with many steps per call.
+Compiled steps run without the interpreter lock (solver.compiled.kernel), and a Simulation shares nothing that changes
+with another one: tables, states and scratch are its own. So threads change no bits, and they gain most with many steps
+per call.
 """
 
 from __future__ import annotations
@@ -24,11 +25,13 @@ def advance_all(
     audit: bool = True,
     threads: int | None = None,
 ) -> list[Snapshot]:
-    """Advance every simulation n steps, `threads` of them at a time (None: as many as there are cores); the last Snapshot of each.
+    """Advance every simulation n steps, `threads` of them at a time (None: as many as there are cores); the last
+    Snapshot of each.
 
-    simulations: each once. inputs: one entry for each of them; these and audit are as Simulation.advance takes them. Raises ValueError
-    when a simulation is there twice, and the first StepError after all have ended: those that failed are at their last good step, the
-    others n steps further. (A simulation with a driver returns to Python in every step; such ones gain little.)
+    simulations: each once. inputs: one entry for each of them; these and audit are as Simulation.advance takes them.
+    Raises ValueError when a simulation is there twice, and the first StepError after all have ended: those that failed
+    are at their last good step, the others n steps further. (A simulation with a driver returns to Python in every
+    step; such ones gain little.)
     """
     if len({id(simulation) for simulation in simulations}) != len(simulations):
         raise ValueError('advance_all: the same simulation is there twice; make one for each')

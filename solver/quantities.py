@@ -73,7 +73,9 @@ NAMED: dict[str, Named] = {
     'roll': Named('rad', 0.001, 'vehicle roll angle'),
     'pitch': Named('rad', 0.001, 'vehicle pitch angle'),
     'steering_wheel_angle': Named('rad', 0.01, 'angle of the steering wheel, positive to the left'),
-    'steering_torque': Named('N m', 0.1, 'hand torque: what the imposed angle of the steering wheel takes, or what turns it'),
+    'steering_torque': Named(
+        'N m', 0.1, 'hand torque: what the imposed angle of the steering wheel takes, or what turns it'
+    ),
 }
 BY_WHEEL: dict[str, Named] = {
     'wheel_load': Named('N', 100.0, 'force of the road on the tire along its normal'),
@@ -90,7 +92,14 @@ GROWS: dict[str, Callable[[Size], float]] = {  # unit -> factor by which `least`
     'N': lambda size: size.mass,
     'N m': lambda size: size.torque,
 }
-OF_TIRE = {'wheel_load': 'fz', 'slip_angle': 'alpha', 'slip': 'kappa', 'tire_force.x': 'fx', 'tire_force.y': 'fy', 'tire_force.z': 'fz'}
+OF_TIRE = {
+    'wheel_load': 'fz',
+    'slip_angle': 'alpha',
+    'slip': 'kappa',
+    'tire_force.x': 'fx',
+    'tire_force.y': 'fy',
+    'tire_force.z': 'fz',
+}
 OF_STEERING = ('steering_wheel_angle', 'steering_torque')
 JOINT_UNITS = {'rotation': ('rad', 'rad/s', 'N m'), 'translation': ('m', 'm/s', 'N')}
 UNITS_OF = {**dict.fromkeys('xyz', 'm'), **dict.fromkeys(TWIST[:3], 'm/s'), **dict.fromkeys(TWIST[3:], 'rad/s')}
@@ -113,7 +122,9 @@ def published(model: ModelSpec) -> Channels:
         bodies=bodies,
         wheels=tuple(e.name for kind in wheels for e in getattr(model, kind.name)),
         inputs=model.inputs,
-        elements=tuple(f'{e.name}/{column}' for kind in others for e in getattr(model, kind.name) for column in kind.outputs),
+        elements=tuple(
+            f'{e.name}/{column}' for kind in others for e in getattr(model, kind.name) for column in kind.outputs
+        ),
         reactions=(),
         chassis=bodies.index(model.chassis) if model.chassis else 0,
     )
@@ -139,7 +150,8 @@ def quantity(name: str, channels: Channels, size: Size = ORDINARY) -> Quantity:
 
 def _quantity(name: str, channels: Channels) -> Quantity:
     layout = layout_of(channels)
-    s = Snapshot(0, 0, np.arange(new_numbers(layout).size, dtype=float), layout, NO_STEPS)  # each number is its own place
+    # each number is its own place
+    s = Snapshot(0, 0, np.arange(new_numbers(layout).size, dtype=float), layout, NO_STEPS)
     if name in names(channels):
         return _named(name, channels, s)
     for column, unit, place in _columns(channels, s):
@@ -156,13 +168,19 @@ def _named(name: str, channels: Channels, s: Snapshot) -> Quantity:
         meaning = NAMED[head]
         # a hand torque that is an input is taken from there: the effort of the wheel contains the steering damper too
         if head in channels.inputs:
-            return Quantity(name, meaning.unit, meaning.least, s.inputs[[channels.inputs.index(head)]].astype(int), _same, False)
+            return Quantity(
+                name, meaning.unit, meaning.least, s.inputs[[channels.inputs.index(head)]].astype(int), _same, False
+            )
         if head in OF_STEERING:
-            places = (s.joint_position, s.joint_effort)[OF_STEERING.index(head)][[channels.joints.index('steering_wheel')]]
+            places = (s.joint_position, s.joint_effort)[OF_STEERING.index(head)][
+                [channels.joints.index('steering_wheel')]
+            ]
             return Quantity(name, meaning.unit, meaning.least, places.astype(int), _same, False)
         chassis = channels.chassis or 0
         places = np.concatenate([s.pose[chassis], s.twist[chassis], s.imu[:3]])
-        return Quantity(name, meaning.unit, meaning.least, places.astype(int), OF_BODY[head], head in ('position', 'heading'))
+        return Quantity(
+            name, meaning.unit, meaning.least, places.astype(int), OF_BODY[head], head in ('position', 'heading')
+        )
     meaning = BY_WHEEL[head]
     wheel, _, axis = rest.partition('.')
     if head == 'suspension_travel':
@@ -251,7 +269,9 @@ OF_BODY: dict[str, Numbers] = {
 def _columns(channels: Channels, s: Snapshot) -> Iterator[tuple[str, str, float]]:
     """(column name in recordings, unit, index in a snapshot) of every recorded number."""
     for k, (joint, kind) in enumerate(zip(channels.joints, channels.joint_kinds, strict=True)):
-        for rate, unit, values in zip(RATES, JOINT_UNITS[kind], (s.joint_position, s.joint_velocity, s.joint_effort), strict=True):
+        for rate, unit, values in zip(
+            RATES, JOINT_UNITS[kind], (s.joint_position, s.joint_velocity, s.joint_effort), strict=True
+        ):
             yield f'joint_states/{joint}/{rate}', unit, values[k]
     if channels.chassis is not None:
         for name, value in zip(POSE, s.pose[channels.chassis], strict=True):

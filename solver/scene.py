@@ -1,4 +1,5 @@
-"""Scene: what is simulated, how it starts, what drives it, how it is integrated, recorded and judged, as data. Format: docs/scene.md."""
+"""Scene: what is simulated, how it starts, what drives it, how it is integrated, recorded and judged, as data. Format:
+docs/scene.md."""
 
 from __future__ import annotations
 
@@ -32,10 +33,15 @@ from solver.validate import finite, require
 from solver.vehicle.actuation import forward_gears, reaches
 
 SAMPLES = 1001  # of an input, where a look at the whole of it is enough
-BEYOND = 0.05  # of the width of a map: so far its polynomial may be followed, and so far beyond the zeros of Chebyshev's the ends are
+# of the width of a map: so far its polynomial may be followed, and so far beyond the zeros of Chebyshev's the ends are
+BEYOND = 0.05
 LONGEST = 9e9  # s: time is counted in nanoseconds, with 63 bits
 CHASSIS_FRAME = 'base_link'
-OF_FRAMES = {CHASSIS_FRAME: 'the chassis (the first body, unless the model names one)', 'imu_link': 'the IMU', 'odom': 'the world'}
+OF_FRAMES = {
+    CHASSIS_FRAME: 'the chassis (the first body, unless the model names one)',
+    'imu_link': 'the IMU',
+    'odom': 'the world',
+}
 Fidelity = Literal['full', 'condensed', 'kc', 'single_track', 'auto']
 SUBSYSTEMS = (
     'engine_mounts',
@@ -54,7 +60,8 @@ SUBSYSTEMS = (
 
 @dataclass(frozen=True, kw_only=True)
 class CoordinateStart:
-    """Initial value [rad or m] and rate [rad/s or m/s] wanted of one joint coordinate; None leaves it to the assembly."""
+    """Initial value [rad or m] and rate [rad/s or m/s] wanted of one joint coordinate; None leaves it to the
+    assembly."""
 
     value: float | None = None
     rate: float | None = None
@@ -64,14 +71,15 @@ class CoordinateStart:
 class StartSettings:
     """The state at t = 0.
 
-    kind: 'as_placed' takes the placement in the file, which must satisfy the joints to 1e-6; 'assemble' moves the bodies as little as
-    possible until it does; 'equilibrium' seeks static equilibrium under gravity (a vehicle whose brakes are all released is held along
-    the x axis of its chassis meanwhile, and rolls away from a slope at t = 0). Velocities are made to fit in every case.
-    stable: refuse an equilibrium that the model would leave by itself. speed: along the x axis of the chassis [m/s], rolling wheels
-    included; a vehicle that starts so from its equilibrium has settled at this speed with drag, drive, brakes and its angle of steering, on
-    the course it was placed on (a torque at the steering wheel acts from t = 0 on, and so does a drive under which wheels spin or the speed
-    changes by a tenth in 50 ms). coordinates: joint coordinates that are wanted; the rate of a wheel's goes before rolling, and what has
-    settled keeps none.
+    kind: 'as_placed' takes the placement in the file, which must satisfy the joints to 1e-6; 'assemble' moves the
+    bodies as little as possible until it does; 'equilibrium' seeks static equilibrium under gravity (a vehicle whose
+    brakes are all released is held along the x axis of its chassis meanwhile, and rolls away from a slope at t = 0).
+    Velocities are made to fit in every case. stable: refuse an equilibrium that the model would leave by itself. speed:
+    along the x axis of the chassis [m/s], rolling wheels included; a vehicle that starts so from its equilibrium has
+    settled at this speed with drag, drive, brakes and its angle of steering, on the course it was placed on (a torque
+    at the steering wheel acts from t = 0 on, and so does a drive under which wheels spin or the speed changes by a
+    tenth in 50 ms). coordinates: joint coordinates that are wanted; the rate of a wheel's goes before rolling, and what
+    has settled keeps none.
     """
 
     kind: Literal['as_placed', 'assemble', 'equilibrium'] = 'as_placed'
@@ -84,10 +92,10 @@ class StartSettings:
 class Record:
     """Contents of a recording besides the standard topics.
 
-    every: one message set per so many steps. elements: force element columns, elements_rate: how often (0: in every message set); they are
-    most of a recording. reactions: constraint forces of all rows.
-    branches: look at every step whether the mechanism leaves a singular position on another branch than it came in on (slow: a dense
-    decomposition of all constraints); the run reports `branch_switches`. poses: how often /tf places all bodies, at most 100 times a
+    every: one message set per so many steps. elements: force element columns, elements_rate: how often (0: in every
+    message set); they are most of a recording. reactions: constraint forces of all rows. branches: look at every step
+    whether the mechanism leaves a singular position on another branch than it came in on (slow: a dense decomposition
+    of all constraints); the run reports `branch_switches`. poses: how often /tf places all bodies, at most 100 times a
     second; motions: how often velocities and accelerations of all bodies are shown; 0: never.
     """
 
@@ -106,14 +114,22 @@ class Record:
         finite('record', 'motions', self.motions, low=0.0)
         for name in ('elements_rate', 'poses', 'motions'):
             rate = getattr(self, name)
-            require(rate == 0.0 or rate >= 1.0 / LONGEST, 'record', name, rate, f'must be 0, or once in {LONGEST:g} s at least')
+            require(
+                rate == 0.0 or rate >= 1.0 / LONGEST,
+                'record',
+                name,
+                rate,
+                f'must be 0, or once in {LONGEST:g} s at least',
+            )
 
     def poses_every(self, h: float) -> int:
-        """Steps of h [s] between two instants at which all bodies are placed, a multiple of `every`; 0: there are none."""
+        """Steps of h [s] between two instants at which all bodies are placed, a multiple of `every`; 0: there are
+        none."""
         return self._apart(self.poses, h) if self.poses > 0.0 else 0
 
     def motions_every(self, h: float) -> int:
-        """Steps of h [s] between two instants at which the motions of all bodies are shown, a multiple of `every`; 0: there are none."""
+        """Steps of h [s] between two instants at which the motions of all bodies are shown, a multiple of `every`; 0:
+        there are none."""
         return self._apart(self.motions, h) if self.motions > 0.0 else 0
 
     def elements_every(self, h: float) -> int:
@@ -142,7 +158,8 @@ class Bound:
 
 @dataclass(frozen=True, kw_only=True)
 class Accuracy:
-    """Largest errors of one quantity against the converged full vehicle: max over time, rms its root mean square, delay in time.
+    """Largest errors of one quantity against the converged full vehicle: max over time, rms its root mean square, delay
+    in time.
 
     Each with its unit, or (max and rms) in % of the peak of the quantity.
     """
@@ -181,12 +198,12 @@ class Budget:
 class Require:
     """Limits a run must keep; it is suspect otherwise, and `mbd run` ends with a code that is not 0.
 
-    limits: of checks, each with a key of its own beside the others (docs/stability.md says what they are of). One that is given replaces
-    the limit that follows from the method; `mbd run` shows figure and limit of everything that is beyond. branch_switches_max looks for
-    them as record.branches does. allow_suspect: a run that is suspect by limits that are not given here ends with code 0; it is called
-    suspect all the same.
-    accuracy: errors that a level of detail and a coarse integration may make, by quantity, which `mbd plan` keeps; a quantity may also
-    stand beside the other keys: `require: {yaw_rate: {rms: 2 %}}`.
+    limits: of checks, each with a key of its own beside the others (docs/stability.md says what they are of). One that
+    is given replaces the limit that follows from the method; `mbd run` shows figure and limit of everything that is
+    beyond. branch_switches_max looks for them as record.branches does. allow_suspect: a run that is suspect by limits
+    that are not given here ends with code 0; it is called suspect all the same. accuracy: errors that a level of detail
+    and a coarse integration may make, by quantity, which `mbd plan` keeps; a quantity may also stand beside the other
+    keys: `require: {yaw_rate: {rms: 2 %}}`.
     """
 
     limits: dict[str, float] = field(default_factory=dict, metadata={'keys': LIMITS})
@@ -202,13 +219,13 @@ class Require:
 class Scene:
     """A complete simulation task.
 
-    name, title: for people. model: the mechanism or vehicle on its road. actuation: which commands a vehicle takes, and the actuators
-    between them and its inputs. assistance: anti-lock and stability control at the brakes, an automatic gearbox. duration: simulated time
-    [s]. seed: added to those of random roads; 0 leaves them as they are. sensors: accuracy and noise of odom and imu. fidelity: how much
-    of a vehicle is simulated (solver.levels); 'auto' is what the plan of this scene says. switches: subsystems of a vehicle that are
-    'off', at every level (SUBSYSTEMS, docs/scene.md).
-    resolved: the scene as YAML text with every include and override expanded; load_scene_text() of it gives the same scene ('' for a
-    scene made in Python).
+    name, title: for people. model: the mechanism or vehicle on its road. actuation: which commands a vehicle takes, and
+    the actuators between them and its inputs. assistance: anti-lock and stability control at the brakes, an automatic
+    gearbox. duration: simulated time [s]. seed: added to those of random roads; 0 leaves them as they are. sensors:
+    accuracy and noise of odom and imu. fidelity: how much of a vehicle is simulated (solver.levels); 'auto' is what the
+    plan of this scene says. switches: subsystems of a vehicle that are 'off', at every level (SUBSYSTEMS,
+    docs/scene.md). resolved: the scene as YAML text with every include and override expanded; load_scene_text() of it
+    gives the same scene ('' for a scene made in Python).
     """
 
     name: str
@@ -243,20 +260,40 @@ class Scene:
             require(False, where_, 'start.coordinates', name, 'no such coordinate' + suggestion(name, known))
         names = base_names(self.model.inputs)
         for name in (n for n in self.maneuver.channels if n not in names):
-            require(False, where_, 'maneuver', name, 'the model has no such input' + (_actuated(name) or suggestion(name, names)))
+            require(
+                False,
+                where_,
+                'maneuver',
+                name,
+                'the model has no such input' + (_actuated(name) or suggestion(name, names)),
+            )
         _check_inputs(where_, self.maneuver, np.linspace(0.0, self.duration, SAMPLES), self.actuation.wheels)
         _check_reaches(where_, self.maneuver, np.linspace(0.0, self.duration, SAMPLES), reaches(self.model))
         shifts = 0 if self.assistance.shift is None else len(self.assistance.shift.up)
         gears = forward_gears(self.model) or shifts + 1
-        more = f'the last shift is into gear {shifts + 1}, and the gearbox has {gears}: give a row less for each that there is not'
+        more = (
+            f'the last shift is into gear {shifts + 1}, and the gearbox has {gears}: give a row less for each that '
+            'there is not'
+        )
         require(shifts < gears, where_, 'assistance.shift.up', shifts, more)
         if self.maneuver.by_road_wheel:
-            require('steering' in names, where_, 'maneuver.road_wheel', '...', 'needs the input steering: an angle, of a vehicle')
+            require(
+                'steering' in names,
+                where_,
+                'maneuver.road_wheel',
+                '...',
+                'needs the input steering: an angle, of a vehicle',
+            )
         if self.maneuver.driver is not None:
-            ahead = 'a driver looks ahead, and steers a vehicle that goes backwards off his path; take 0 or more, or maneuver.steering'
+            ahead = (
+                'a driver looks ahead, and steers a vehicle that goes backwards off his path; take 0 or more, or '
+                'maneuver.steering'
+            )
             require(self.start.speed >= 0.0, where_, 'start.speed', self.start.speed, ahead)
             target = None if self.maneuver.speed is None else self.maneuver.speed.target
-            require(not isinstance(target, float | int) or target >= 0.0, where_, 'maneuver.speed.target', target, ahead)
+            require(
+                not isinstance(target, float | int) or target >= 0.0, where_, 'maneuver.speed.target', target, ahead
+            )
         for name in (n for n in self.actuation.actuators if n not in names):
             require(False, where_, 'actuation.actuators', name, 'the model has no such input' + suggestion(name, names))
         needs = 'works on the brakes of single wheels: set actuation: {wheels: true}'
@@ -265,8 +302,20 @@ class Scene:
         for name in (n for n in self.switches if n not in SUBSYSTEMS):
             require(False, where_, 'switches', name, 'no such subsystem' + suggestion(name, SUBSYSTEMS))
         vehicle = bool(self.model.tires)
-        require(vehicle or self.fidelity == 'full', where_, 'fidelity', self.fidelity, 'only a vehicle has levels; remove this key')
-        require(vehicle or not self.switches, where_, 'switches', [*self.switches], 'only a vehicle has subsystems; remove this key')
+        require(
+            vehicle or self.fidelity == 'full',
+            where_,
+            'fidelity',
+            self.fidelity,
+            'only a vehicle has levels; remove this key',
+        )
+        require(
+            vehicle or not self.switches,
+            where_,
+            'switches',
+            [*self.switches],
+            'only a vehicle has subsystems; remove this key',
+        )
 
     @property
     def steps(self) -> int:
@@ -312,7 +361,10 @@ def _check_inputs(where_: str, maneuver: Maneuver, t: np.ndarray, wheels: bool) 
             low, high = mapped.points[0][0], mapped.points[-1][0]
             x = signal(mapped.of).jet(t).value
             beyond = float(np.max(np.maximum(low - x, x - high)))
-            far = f'a map is asked {beyond:g} beyond its points, {low:g} to {high:g}, where the polynomial means nothing; give more points'
+            far = (
+                f'a map is asked {beyond:g} beyond its points, {low:g} to {high:g}, where the polynomial means '
+                'nothing; give more points'
+            )
             require(not beyond > BEYOND * (high - low), where_, 'maneuver', name, far)
 
 
@@ -331,19 +383,29 @@ def _check_frames(where_: str, model: ModelSpec) -> None:
     for name in (body.name for body in model.bodies if body.name != chassis or chassis != CHASSIS_FRAME):
         remedy = f'is the frame of {OF_FRAMES.get(name)} in /tf and robot_description; rename the body'
         require(name not in OF_FRAMES, where_, 'body', name, remedy)
-        require(bool(name) and not name.startswith('/'), where_, 'body', name, 'a frame needs a name that does not begin with /')
+        require(
+            bool(name) and not name.startswith('/'),
+            where_,
+            'body',
+            name,
+            'a frame needs a name that does not begin with /',
+        )
 
 
 def _check_channels(where_: str, model: ModelSpec) -> None:
     """Refuse elements of different kinds whose outputs, and constraints whose rows, would have the same names."""
     columns = [(element.name, element) for kind in FORCES if not kind.wheels for element in getattr(model, kind.name)]
-    rows = [(row, element) for kind in CONSTRAINTS for element in getattr(model, kind.name) for row in element.row_names()]
+    rows = [
+        (row, element) for kind in CONSTRAINTS for element in getattr(model, kind.name) for row in element.row_names()
+    ]
     for what, named in (('outputs', columns), ('reactions', rows)):
         first: dict[str, Spec] = {}
         for name, element in named:
             other = first.setdefault(name, element)
             if other is not element:
-                raise SpecError(f'{where_}: {other.where} and {element.where} have {what} of the same name; rename one of them')
+                raise SpecError(
+                    f'{where_}: {other.where} and {element.where} have {what} of the same name; rename one of them'
+                )
 
 
 def _check_accuracy(where_: str, accuracy: dict[str, Accuracy], model: ModelSpec) -> None:
@@ -358,4 +420,6 @@ def _check_accuracy(where_: str, accuracy: dict[str, Accuracy], model: ModelSpec
             continue  # one of which nothing is known
         for measure, bound in asked.bounds.items():
             must = f'is in {bound.unit}; the unit of this quantity is {"none" if unit == "1" else unit} (or %)'
-            require(measure == 'delay' or bound.unit in ('', unit), where_, f'require.{name}.{measure}', bound.value, must)
+            require(
+                measure == 'delay' or bound.unit in ('', unit), where_, f'require.{name}.{measure}', bound.value, must
+            )

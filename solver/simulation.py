@@ -1,4 +1,5 @@
-"""Simulation: a scene in motion. Keeps time, inputs and totals; an engine keeps the state and steps it (solver.engine)."""
+"""Simulation: a scene in motion. Keeps time, inputs and totals; an engine keeps the state and steps it
+(solver.engine)."""
 
 from __future__ import annotations
 
@@ -35,12 +36,12 @@ from solver.vehicle.actuation import assisted_wheels, reaches, steering_reaches
 class Simulation:
     """Compile a scene, find its consistent start, advance it in whole steps.
 
-    make: the engine of the scene; solver.simulation_of() chooses it. level: what the model leaves out of the vehicle it was derived from
-    (None: it is the model of the scene as given). channels: the names of what a Snapshot holds. k: steps since the start. h: step [s].
-    displaced: it was placed somewhere, renumbered or restored since its start, so not even
-    step 0 need be that of the scene. start: what the search for the start changed. like: a simulation of this scene with other settings of
-    the integrator, whose start is taken instead of sought. Raises SpecError, SceneError or ConsistencyError on
-    construction and StepError from advance(); each is one sentence.
+    make: the engine of the scene; solver.simulation_of() chooses it. level: what the model leaves out of the vehicle it
+    was derived from (None: it is the model of the scene as given). channels: the names of what a Snapshot holds. k:
+    steps since the start. h: step [s]. displaced: it was placed somewhere, renumbered or restored since its start, so
+    not even step 0 need be that of the scene. start: what the search for the start changed. like: a simulation of this
+    scene with other settings of the integrator, whose start is taken instead of sought. Raises SpecError, SceneError or
+    ConsistencyError on construction and StepError from advance(); each is one sentence.
     """
 
     def __init__(
@@ -52,7 +53,9 @@ class Simulation:
         like: Simulation | None = None,
     ) -> None:
         if scene.reduced:
-            raise SpecError(f'fidelity = {scene.fidelity!r}: Simulation simulates models as given; use simulation_of(scene)')
+            raise SpecError(
+                f'fidelity = {scene.fidelity!r}: Simulation simulates models as given; use simulation_of(scene)'
+            )
         self.scene, self.level, self._make = scene, level, make
         self.h_ns = scene.integrator.h_ns
         self.h = self.h_ns * 1e-9
@@ -81,7 +84,9 @@ class Simulation:
         if self.engine.follows:
             given = {'driver': self.scene.maneuver.closed_loop, 'bag': self.scene.maneuver.bag}
             for what in (name for name, there in given.items() if there):
-                raise SpecError(f'maneuver: {what}: a reference integrator follows functions of time; use integrator.kind alf')
+                raise SpecError(
+                    f'maneuver: {what}: a reference integrator follows functions of time; use integrator.kind alf'
+                )
 
     @property
     def source(self) -> ManeuverSource | RecordedSource:
@@ -89,14 +94,17 @@ class Simulation:
         return self.sources.of_time
 
     def twin(self, duration: float, **settings: Any) -> Simulation:
-        """A simulation of the same scene from the same start, of another duration [s] and with other settings of the integrator.
-        Raises SpecError."""
+        """A simulation of the same scene from the same start, of another duration [s] and with other settings of the
+        integrator. Raises SpecError."""
         integrator = dataclasses.replace(self.scene.integrator, **settings)
         return Simulation(
-            dataclasses.replace(self.scene, duration=duration, integrator=integrator), self._make, level=self.level, like=self
+            dataclasses.replace(self.scene, duration=duration, integrator=integrator),
+            self._make,
+            level=self.level,
+            like=self,
         )
 
-    # -- time ----------------------------------------------------------------------------------------------------------
+    # -- time ---------------------------------------------------------------------------------------------------------
 
     @property
     def t_ns(self) -> int:
@@ -110,7 +118,8 @@ class Simulation:
 
     @property
     def applied(self) -> np.ndarray | None:
-        """(n, nu) inputs of the n steps of the last advance(), as applied; None when the integrator looks at any time it likes."""
+        """(n, nu) inputs of the n steps of the last advance(), as applied; None when the integrator looks at any time
+        it likes."""
         return self._applied
 
     def reset(self) -> None:
@@ -123,13 +132,16 @@ class Simulation:
     def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> Snapshot:
         """Advance n steps and return the Snapshot after the last.
 
-        inputs: (nu,) held for all steps, or (n, nu) one row a step, in SI units and the order of channels.inputs; None samples maneuver and
-        driver of the scene, behind its actuators. audit: evaluate forces after every step, keep the energy balance and look for branch
-        switches if the scene asks for them. Raises StepError; the state is that of the last good step then.
+        inputs: (nu,) held for all steps, or (n, nu) one row a step, in SI units and the order of channels.inputs; None
+        samples maneuver and driver of the scene, behind its actuators. audit: evaluate forces after every step, keep
+        the energy balance and look for branch switches if the scene asks for them. Raises StepError; the state is that
+        of the last good step then.
         """
         if self.engine.follows:
             if inputs is not None:
-                raise SpecError('advance: a reference integrator follows the maneuver of its scene and takes no other inputs')
+                raise SpecError(
+                    'advance: a reference integrator follows the maneuver of its scene and takes no other inputs'
+                )
             self._advance(n, np.empty((1, len(self._inputs))), audit)
             return self.snapshot()
         if inputs is None and self.sources.step_by_step:
@@ -170,9 +182,11 @@ class Simulation:
         return feel_of(bodies.sight().speed, bodies.state.v, bodies.chassis, self.sources.wheels)
 
     def place(self, x: float, y: float, heading: float) -> None:
-        """Move everything so that the chassis stands at x, y [m] with a heading [rad]; its motion goes on as it was, in its own axes.
+        """Move everything so that the chassis stands at x, y [m] with a heading [rad]; its motion goes on as it was, in
+        its own axes.
 
-        Raises SpecError for a model that is connected to the world, on a road that is not the same everywhere, and for a place too far off.
+        Raises SpecError for a model that is connected to the world, on a road that is not the same everywhere, and for
+        a place too far off.
         """
         self._shown.place(x, y, heading)
         self.displaced = True
@@ -188,21 +202,29 @@ class Simulation:
         self._shown.account.time[0] = k * self.h  # of steps that are not made nothing is to be known
 
     def snapshot(self) -> Snapshot:
-        """The outputs of the last step, as a copy; after a failure those of the last call of advance() that succeeded."""
+        """The outputs of the last step, as a copy; after a failure those of the last call of advance() that
+        succeeded."""
         return Snapshot(self.k, self.t_ns, self._shown.numbers.copy(), self._shown.layout, self._counters)
 
-    # -- state and reports ---------------------------------------------------------------------------------------------
+    # -- state and reports --------------------------------------------------------------------------------------------
 
     def save(self) -> bytes:
         """Everything the future depends on, and what the run so far is judged by, as bytes for restore()."""
         file = io.BytesIO()
         envelope = {'inputs': self._inputs, 'audit': self._shown.account.numbers, 'totals': np.array(self._totals)}
-        np.savez(file, format=np.array(FORMAT), k=np.int64(self.k), **self.engine.arrays(), **envelope, **self.sources.memory())  # type: ignore[arg-type]
+        np.savez(
+            file,
+            format=np.array(FORMAT),
+            k=np.int64(self.k),
+            **self.engine.arrays(),  # type: ignore[arg-type]
+            **envelope,  # type: ignore[arg-type]
+            **self.sources.memory(),  # type: ignore[arg-type]
+        )
         return file.getvalue()
 
     def restore(self, data: bytes, *, elsewhere: bool = False) -> None:
-        """Continue from save(). elsewhere: it is that of another scene of the vehicle. Raises SpecError if it belongs to another model, or
-        another version saved it."""
+        """Continue from save(). elsewhere: it is that of another scene of the vehicle. Raises SpecError if it belongs
+        to another model, or another version saved it."""
         saved = load_arrays(data)
         k = step_of(saved.get('k'))
         require_format(saved, 'restore: the saved state')
@@ -215,12 +237,18 @@ class Simulation:
         take_up(inputs)
 
     def __reduce__(self) -> tuple:
-        """As its scene and save(): another process compiles the model anew, finds the same start, and goes on with the same bits."""
+        """As its scene and save(): another process compiles the model anew, finds the same start, and goes on with the
+        same bits."""
         return _resumed, (self._make, self.scene, self.save(), self._counters, self.level, self.displaced)
 
     def totals(self) -> dict[str, float]:
-        """Counters and largest residuals since the start, the error of the energy account [J] and, if watched, branch switches."""
-        return {**self._totals.report(), 'energy_error_max': float(self._shown.account.worst[0]), **self.engine.totals(self.k)}
+        """Counters and largest residuals since the start, the error of the energy account [J] and, if watched, branch
+        switches."""
+        return {
+            **self._totals.report(),
+            'energy_error_max': float(self._shown.account.worst[0]),
+            **self.engine.totals(self.k),
+        }
 
     def urdf(self) -> str:
         """The spanning tree of the model at the current configuration as URDF (solver.files.urdf)."""
@@ -238,7 +266,8 @@ class Simulation:
 
     @property
     def reached(self) -> dict[str, tuple[float, float | None]]:
-        """Quantities that the limits of a level are about -> the largest value so far, and its time [s] where it has one."""
+        """Quantities that the limits of a level are about -> the largest value so far, and its time [s] where it has
+        one."""
         return self.engine.reached()
 
     @property
@@ -246,7 +275,7 @@ class Simulation:
         """Memory of the tables of the model, of the scratch of a step and of a state."""
         return self._shown.nbytes()
 
-    # -- of bodies -----------------------------------------------------------------------------------------------------
+    # -- of bodies ----------------------------------------------------------------------------------------------------
 
     @property
     def of_bodies(self) -> bool:
@@ -257,7 +286,10 @@ class Simulation:
     def bodies(self) -> Bodies:
         """Its bodies. Raises SpecError where there are none; all that needs bodies asks for them here."""
         if not isinstance(self._shown, Bodies):
-            raise SpecError("fidelity = 'single_track': this looks at the bodies of a model, and the level has none; take another level")
+            raise SpecError(
+                "fidelity = 'single_track': this looks at the bodies of a model, and the level has none; take another "
+                'level'
+            )
         return self._shown
 
     @property
@@ -267,7 +299,8 @@ class Simulation:
 
     @property
     def kinematics(self) -> Ref:
-        """Placement and velocities that the outputs show: of the end of the last step, projected onto the constraints. Raises SpecError."""
+        """Placement and velocities that the outputs show: of the end of the last step, projected onto the constraints.
+        Raises SpecError."""
         return self.bodies.kin
 
     @property
@@ -282,7 +315,11 @@ class Simulation:
 
     def constraint_coefficients(self, *, coupled: bool = False) -> dict[str, ConstraintCoefficients]:
         """m, c, k, f of every constraint row at the current state; of a model without bodies there are none."""
-        return self._shown.constraint_coefficients(self._inputs, coupled=coupled) if isinstance(self._shown, Bodies) else {}
+        return (
+            self._shown.constraint_coefficients(self._inputs, coupled=coupled)
+            if isinstance(self._shown, Bodies)
+            else {}
+        )
 
     @property
     def adaptation(self) -> Adaptation | None:
@@ -291,7 +328,8 @@ class Simulation:
 
     @property
     def events(self) -> list[Event]:
-        """Every change of step and penalties that this simulation made; totals() counts those of the run before a restored state too."""
+        """Every change of step and penalties that this simulation made; totals() counts those of the run before a
+        restored state too."""
         return [] if self.adaptation is None else self.adaptation.events
 
     @property
@@ -301,12 +339,18 @@ class Simulation:
 
     @property
     def switches(self) -> list[BranchSwitch]:
-        """Branch switches so far: all of them if the scene asks for that, else those across steps that failed and were divided."""
+        """Branch switches so far: all of them if the scene asks for that, else those across steps that failed and were
+        divided."""
         return cast(list[BranchSwitch], self._shown.switches) if isinstance(self._shown, Bodies) else []
 
 
 def _resumed(
-    make: Callable[[Scene], Engine], scene: Scene, state: bytes, counters: Counters, level: LevelReport | None, displaced: bool
+    make: Callable[[Scene], Engine],
+    scene: Scene,
+    state: bytes,
+    counters: Counters,
+    level: LevelReport | None,
+    displaced: bool,
 ) -> Simulation:
     """Inverse of Simulation.__reduce__()."""
     simulation = Simulation(scene, make, level=level)

@@ -1,7 +1,8 @@
-"""Arrays that are too large for the text of a scene: the text names them by a hash, recordings carry them as attachments.
+"""Arrays that are too large for the text of a scene: the text names them by a hash, recordings carry them as
+attachments.
 
-A set of arrays is known to this process from keep() or accept() on, and to others on this machine through a directory beside the cache of
-kernels, which may be deleted: whoever reads the file, or the recording, again puts the arrays back.
+A set of arrays is known to this process from keep() or accept() on, and to others on this machine through a directory
+beside the cache of kernels, which may be deleted: whoever reads the file, or the recording, again puts the arrays back.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ _known: dict[str, dict[str, np.ndarray]] = {}
 
 def keep(arrays: Mapping[str, np.ndarray]) -> str:
     """The hash (SHA-256, 64 hexadecimal digits) under which arrays of float32 or float64 can be found from now on."""
-    ordered = {name: np.ascontiguousarray(a, '<f4' if a.dtype == np.float32 else '<f8') for name, a in sorted(arrays.items())}
+    ordered = {
+        name: np.ascontiguousarray(a, '<f4' if a.dtype == np.float32 else '<f8') for name, a in sorted(arrays.items())
+    }
     digest = _digest(ordered)
     if digest not in _known:
         _known[digest] = ordered
@@ -87,7 +90,8 @@ def _digest(arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def _packed(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """A head, then the arrays deflated, all first bytes of their numbers before all second ones: so they take half as much."""
+    """A head, then the arrays deflated, all first bytes of their numbers before all second ones: so they take half as
+    much."""
     deflate = zlib.compressobj(QUICK)
     pieces = [_HEAD, _header(arrays)]
     for a in arrays.values():
@@ -102,7 +106,10 @@ def _unpacked(data: bytes) -> dict[str, np.ndarray] | None:
         return None
     end = data.find(b'\n', len(_HEAD))
     try:
-        listed = [(str(name), str(kind), tuple(int(n) for n in shape)) for name, kind, shape in json.loads(data[len(_HEAD) : end])]
+        listed = [
+            (str(name), str(kind), tuple(int(n) for n in shape))
+            for name, kind, shape in json.loads(data[len(_HEAD) : end])
+        ]
         sizes = [int(np.prod(shape, dtype=object)) * np.dtype(kind).itemsize for _, kind, shape in listed]
         if any(kind not in TYPES or min(shape, default=0) < 0 for _, kind, shape in listed) or sum(sizes) > LARGEST:
             return None

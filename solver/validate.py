@@ -1,4 +1,5 @@
-"""Checks that a specification makes of its own values: each refuses with one sentence that names element, field, value and limit."""
+"""Checks that a specification makes of its own values: each refuses with one sentence that names element, field, value
+and limit."""
 
 from __future__ import annotations
 
@@ -21,13 +22,21 @@ def require(condition: bool, where: str, field: str, value: object, remedy: str)
         raise SpecError(f'{where}: {field} = {value!r}: {remedy}')
 
 
-def finite(where: str, field: str, value: object, *, low: float = -math.inf, high: float = math.inf, strict: bool = False) -> float:
+def finite(
+    where: str, field: str, value: object, *, low: float = -math.inf, high: float = math.inf, strict: bool = False
+) -> float:
     """Return value as float after checking that it is a finite number in [low, high] (open at low when strict)."""
-    ok = isinstance(value, int | float | np.floating | np.integer) and not isinstance(value, bool) and math.isfinite(value)
+    ok = (
+        isinstance(value, int | float | np.floating | np.integer)
+        and not isinstance(value, bool)
+        and math.isfinite(value)
+    )
     require(ok, where, field, value, 'must be a finite number')
     number = float(value)  # type: ignore[arg-type]
     inside = (number > low if strict else number >= low) and number <= high
-    limit = f'{">" if strict else ">="} {low:g}' if math.isinf(high) else f'in {"(" if strict else "["}{low:g}, {high:g}]'
+    limit = (
+        f'{">" if strict else ">="} {low:g}' if math.isinf(high) else f'in {"(" if strict else "["}{low:g}, {high:g}]'
+    )
     limit = f'at most {high:g}' if math.isinf(low) else limit
     require(inside, where, field, value, f'must be {limit}')
     return number
@@ -36,7 +45,11 @@ def finite(where: str, field: str, value: object, *, low: float = -math.inf, hig
 def vector(where: str, field: str, value: Sequence[float], length: int = 3) -> tuple[float, ...]:
     """Return value as a tuple of `length` finite floats."""
     require(
-        isinstance(value, list | tuple | np.ndarray) and len(value) == length, where, field, value, f'must be a list of {length} numbers'
+        isinstance(value, list | tuple | np.ndarray) and len(value) == length,
+        where,
+        field,
+        value,
+        f'must be a list of {length} numbers',
     )
     return tuple(finite(where, f'{field}[{i}]', x) for i, x in enumerate(value))
 
@@ -53,14 +66,29 @@ def require_rising(where: str, field: str, values: Sequence[float], count: int =
 def require_positions(where: str, pedals: Sequence[float]) -> None:
     """Check that positions of a pedal are between 0 and 1, as its input is. Raises SpecError."""
     for k, pedal in enumerate(pedals):
-        require(0.0 <= pedal <= 1.0, where, f'pedals[{k}]', pedal, 'must be in [0, 1]: a position of the pedal, not per cent')
+        require(
+            0.0 <= pedal <= 1.0,
+            where,
+            f'pedals[{k}]',
+            pedal,
+            'must be in [0, 1]: a position of the pedal, not per cent',
+        )
 
 
-def require_grid(where: str, field: str, rows: Sequence[Sequence[float]], of: tuple[str, int], per: tuple[str, int]) -> None:
-    """Check that a table has a row for each of so many things and in it a finite number for each of others. Raises SpecError."""
+def require_grid(
+    where: str, field: str, rows: Sequence[Sequence[float]], of: tuple[str, int], per: tuple[str, int]
+) -> None:
+    """Check that a table has a row for each of so many things and in it a finite number for each of others. Raises
+    SpecError."""
     require(len(rows) == of[1], where, field, len(rows), f'must have one row for each of the {of[1]} {of[0]}')
     for k, row in enumerate(rows):
-        require(len(row) == per[1], where, f'{field}[{k}]', len(row), f'must have one value for each of the {per[1]} {per[0]}')
+        require(
+            len(row) == per[1],
+            where,
+            f'{field}[{k}]',
+            len(row),
+            f'must have one value for each of the {per[1]} {per[0]}',
+        )
         for m, value in enumerate(row):
             finite(where, f'{field}[{k}][{m}]', value)
 

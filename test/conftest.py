@@ -21,7 +21,8 @@ BOUND_TO_THE_CLOCK = 'mark.realtime'  # what a file says that has such tests
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Garbage is not looked for while tests are imported, which took a quarter of that time, nor later among what stays of it."""
+    """Garbage is not looked for while tests are imported, which took a quarter of that time, nor later among what stays
+    of it."""
     gc.disable()
     try:
         return (yield)
@@ -31,7 +32,8 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Where only tests bound to the clock are wanted, the files that have none are not imported: that takes seconds of every process."""
+    """Where only tests bound to the clock are wanted, the files that have none are not imported: that takes seconds of
+    every process."""
     if not config.option.markexpr.startswith('realtime') or not collection_path.match('test_*.py'):
         return None
     return BOUND_TO_THE_CLOCK not in collection_path.read_text(encoding='utf-8') or None
@@ -46,5 +48,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
-    """Random numbers that depend on the name of the test only, so a failure repeats and tests do not disturb each other."""
+    """Random numbers that depend on the name of the test only, so a failure repeats and tests do not disturb each
+    other."""
     return np.random.default_rng(zlib.crc32(request.node.name.encode()))

@@ -1,4 +1,5 @@
-"""Somebody who knows no torques: speed and yaw rate on cmd_vel; the executable `adapter` makes them steering, drive and brakes.
+"""Somebody who knows no torques: speed and yaw rate on cmd_vel; the executable `adapter` makes them steering, drive and
+brakes.
 
 simulator --ros-args -p scene:=light_car_straight -p "overrides:=['start={kind: equilibrium, speed: 6.0}']"
 adapter

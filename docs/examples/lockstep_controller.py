@@ -1,4 +1,5 @@
-"""A controller that decides when time passes: it keeps a speed and a lane, and every run of it is the same, bit for bit.
+"""A controller that decides when time passes: it keeps a speed and a lane, and every run of it is the same, bit for
+bit.
 
 simulator --ros-args -p scene:=light_car_straight -p mode:=lockstep -p duration:=2.0
 python lockstep_controller.py
@@ -41,7 +42,11 @@ class Controller(Node):
         command = JointState(name=['steering', 'drive_torque', 'brake_torque'])
         command.header.stamp = stamp
         error = 450.0 * (SPEED - speed)
-        command.position = [16.0 * 2.7 * 2.0 * ((LANE - pose.position.y) / 20.0 - heading) / 20.0, max(error, 0.0), max(-error, 0.0)]
+        command.position = [
+            16.0 * 2.7 * 2.0 * ((LANE - pose.position.y) / 20.0 - heading) / 20.0,
+            max(error, 0.0),
+            max(-error, 0.0),
+        ]
         self.answers.publish(command)
         self.last = odom
 

@@ -40,7 +40,10 @@ class Script(Node):
             self.brake.publish(Float64(data=BRAKE))
             self.braked_at = odom.pose.pose.position.x if self.braked_at is None else self.braked_at
             if speed < 0.1:
-                print(f'largest yaw rate {self.yaw_rate:.2f} rad/s, stopped within {odom.pose.pose.position.x - self.braked_at:.1f} m')
+                print(
+                    f'largest yaw rate {self.yaw_rate:.2f} rad/s, stopped within '
+                    f'{odom.pose.pose.position.x - self.braked_at:.1f} m'
+                )
                 self.done = True
 
 

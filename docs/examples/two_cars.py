@@ -1,4 +1,5 @@
-"""Two cars in one graph: each simulator in a namespace of its own, its frames with a prefix, and one script that drives both.
+"""Two cars in one graph: each simulator in a namespace of its own, its frames with a prefix, and one script that drives
+both.
 
 python two_cars.py
 """
@@ -16,9 +17,12 @@ STEERING = {'car1': 0.4, 'car2': -0.4}  # rad
 
 def simulator(name: str) -> subprocess.Popen:
     """Start one."""
-    parameters = {'scene': 'light_car_straight', 'frame_prefix': f'{name}/', 'publish_clock': 'false'}  # each has a time of its own
+    # each has a time of its own
+    parameters = {'scene': 'light_car_straight', 'frame_prefix': f'{name}/', 'publish_clock': 'false'}
     arguments = [text for key, value in parameters.items() for text in ('-p', f'{key}:={value}')]
-    return subprocess.Popen([sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', '-r', f'__ns:=/{name}', *arguments])
+    return subprocess.Popen(
+        [sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', '-r', f'__ns:=/{name}', *arguments]
+    )
 
 
 def seconds(odom: Odometry) -> float:

@@ -1,6 +1,8 @@
-"""Writes docs/accuracy.md from finished studies: `python docs/tools/accuracy.py out/trade`, after `mbd study trade SCENE`.
+"""Writes docs/accuracy.md from finished studies: `python docs/tools/accuracy.py out/trade`, after `mbd study trade
+SCENE`.
 
-Every number and every conclusion of the page is computed from the rows of these studies; pictures are copied with few colours.
+Every number and every conclusion of the page is computed from the rows of these studies; pictures are copied with few
+colours.
 """
 
 from __future__ import annotations
@@ -46,7 +48,9 @@ WANTED: tuple[tuple[str, str, Callable[[dict[str, Any]], float | None], float], 
 )
 
 
-def cheapest(rows: Sequence[Row], quantity: str, error: Callable[[dict[str, Any]], float | None], limit: float) -> Row | None:
+def cheapest(
+    rows: Sequence[Row], quantity: str, error: Callable[[dict[str, Any]], float | None], limit: float
+) -> Row | None:
     """The cheapest row whose error of a quantity is within the limit."""
     found = []
     for row in rows:
@@ -86,7 +90,9 @@ def thumb(studies: dict[str, list[Row]]) -> list[str]:
         best = {name: cheapest(rows, quantity, error, limit) for name, rows in studies.items()}
         if any(row is None for row in best.values()):
             missing = ', '.join(f'`{name}`' for name, row in best.items() if row is None)
-            sentences.append(f'- **{wish}**: no setting of the grid reaches it on {missing}; plan a smaller step there.')
+            sentences.append(
+                f'- **{wish}**: no setting of the grid reaches it on {missing}; plan a smaller step there.'
+            )
             continue
         costs = [relative(row, studies[name]) for name, row in best.items() if row is not None]
         levels = sorted({row['level'] for row in best.values() if row is not None}, key=LEVELS.index)
@@ -95,14 +101,18 @@ def thumb(studies: dict[str, list[Row]]) -> list[str]:
         step = f'{low:g} ms' if low == high else f'{low:g} to {high:g} ms'
         cheap, dear = (f'{100 * cost:.0f}' if cost >= 0.1 else f'{100 * cost:.2g}' for cost in (min(costs), max(costs)))
         cost = f'{cheap} %' if cheap == dear else f'{cheap} to {dear} %'
-        sentences.append(f'- **{wish}**: `{"` or `".join(levels)}` at {step}, for {cost} of what the full vehicle costs at 1 ms.')
+        sentences.append(
+            f'- **{wish}**: `{"` or `".join(levels)}` at {step}, for {cost} of what the full vehicle costs at 1 ms.'
+        )
     return sentences
 
 
 def bargains(name: str, rows: Sequence[Row]) -> list[str]:
     """The worst settings: those that fail, and that which most others beat in both cost and error."""
     failed = [row for row in rows if row['failure']]
-    sentences = [f'{len(failed)} of {len(rows)} settings failed.' if failed else f'All {len(rows)} settings reached the end.']
+    sentences = [
+        f'{len(failed)} of {len(rows)} settings failed.' if failed else f'All {len(rows)} settings reached the end.'
+    ]
 
     def error(row: Row) -> float:
         values = [e['rms_share'] for e in row['errors'].values()]
@@ -110,7 +120,9 @@ def bargains(name: str, rows: Sequence[Row]) -> list[str]:
 
     good = [row for row in rows if not row['failure'] and row.get('cost_median') and math.isfinite(error(row))]
     if len(good) > 1:
-        beaten = {r['setting']: sum(o['cost_median'] < r['cost_median'] and error(o) < error(r) for o in good) for r in good}
+        beaten = {
+            r['setting']: sum(o['cost_median'] < r['cost_median'] and error(o) < error(r) for o in good) for r in good
+        }
         worst = max(beaten, key=lambda s: beaten[s])
         sentences.append(f'The worst bargain is {worst}: {beaten[worst]} settings are both cheaper and more accurate.')
     return sentences
@@ -124,7 +136,7 @@ def switched(rows: Sequence[Row]) -> str:
             continue
         same = [
             r for r in rows
-            if not r['off'] and r['level'] == row['level'] and r['h'] == row['h'] and r['iterations'] == row['iterations']
+            if not r['off'] and all(r[key] == row[key] for key in ('level', 'h', 'iterations'))
             and r['rho_inf'] == row['rho_inf'] and r.get('cost_median')
         ]  # fmt: skip
         if not same:
@@ -159,7 +171,10 @@ def write(directory: Path) -> str:
     PICTURES.mkdir(exist_ok=True)
     for name, rows in studies.items():
         parts += [f'## {name}', f'{lengths[name]:g} s of the maneuver. {" ".join(bargains(name, rows))}']
-        for picture, caption in (('cost', 'Error against cost, every setting'), ('origins', 'Where the errors on the front come from')):
+        for picture, caption in (
+            ('cost', 'Error against cost, every setting'),
+            ('origins', 'Where the errors on the front come from'),
+        ):
             source = directory / name / f'{picture}.png'
             if source.exists():
                 target = PICTURES / f'trade_{name}_{picture}.png'
@@ -213,14 +228,14 @@ In the words of [ISOClasses2022] a level is a *model type*, what it leaves out a
 the tables below are what the standard leaves to the user: the allocation of model types to manoeuvres by
 requirements, here measured instead of agreed."""
 THUMB = """The cheapest settings that keep each wish on the scenes of this page. What is wished of a root mean square holds for the sum of
-the errors of model, step and iteration, so that nothing rests on errors which happen to cancel:"""
+the errors of model, step and iteration, so that nothing rests on errors which happen to cancel:"""  # noqa: E501
 CHEAPEST = 'Each with its cost, as a share of that of the full vehicle at 1 ms with the iterations of the scene.'
 PLAN = """The rules above hold for the scenes and the car they were measured on; `mbd plan` begins with them and says whether
 they were right.
 
 A run of a setting that a plan has certified is not `suspect` for what the plan has measured: a wheel that turns by a
 radian in a step, a vibration of few steps. It is held to all that the scene requires besides, as that constraints
-stay closed to 1e-5 m."""
+stay closed to 1e-5 m."""  # noqa: E501
 
 if __name__ == '__main__':
     PAGE.write_text(write(Path(sys.argv[1] if len(sys.argv) > 1 else 'out/trade')), encoding='utf-8')

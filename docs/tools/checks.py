@@ -24,7 +24,16 @@ def table() -> str:
     for check in CHECKS:
         key, reason = f'`{check.require}`' if check.require else '', check.reason.format(where='...', of='...')
         limit = '' if check.limit is None else f'{check.limit:.3g} {check.unit}'.rstrip() + ': '
-        rows.append((f'`{check.name}`', check.unit, limit + check.rule, key, reason, check.remedy[:1].lower() + check.remedy[1:]))
+        rows.append(
+            (
+                f'`{check.name}`',
+                check.unit,
+                limit + check.rule,
+                key,
+                reason,
+                check.remedy[:1].lower() + check.remedy[1:],
+            )
+        )
     return ''.join('| ' + ' | '.join(cells) + ' |\n' for cells in rows)
 
 

@@ -1,4 +1,5 @@
-"""Plot the road that a tire makes of obstacles: python docs/tools/enveloping_plots.py TIRE.tir docs/pictures/enveloping.png"""
+"""Plot the road that a tire makes of obstacles: python docs/tools/enveloping_plots.py TIRE.tir
+docs/pictures/enveloping.png"""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ OBSTACLES = {'strip, 50 mm': (0.05, 0.0, 0.05), 'pothole, 60 mm': (-0.06, 0.0, 0
 
 
 def main(source: str, target: str) -> None:
-    """For each obstacle the road, the basic curve (a base without length) and the effective road, and below it its slope."""
+    """For each obstacle the road, the basic curve (a base without length) and the effective road, and below it its
+    slope."""
     tire = footprint([read_tir(source)])
     assert tire is not None
     figure, axes = plt.subplots(2, 3, figsize=(13, 5.5), layout='constrained', sharex='col', height_ratios=(3, 2))

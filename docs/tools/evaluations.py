@@ -1,4 +1,5 @@
-"""Fills the generated parts of docs/evaluating.md: `python docs/tools/evaluations.py` rewrites them, a test compares."""
+"""Fills the generated parts of docs/evaluating.md: `python docs/tools/evaluations.py` rewrites them, a test
+compares."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ def evaluations() -> list[tuple[str, ...]]:
     for e in EVALUATIONS:
         names = ', '.join(f'`{name}`' for name in (e.name, *e.aliases))
         parameters = ', '.join(
-            f'`{f.name}`' if f.default is None else f'`{f.name}` {f.default:.4g}' for f in dataclasses.fields(e.parameters)
+            f'`{f.name}`' if f.default is None else f'`{f.name}` {f.default:.4g}'
+            for f in dataclasses.fields(e.parameters)
         )
         rows.append((names, e.title, e.norm, listed(e.needs), listed(e.also), parameters))
     return rows
@@ -42,7 +44,9 @@ def parameters() -> list[tuple[str, ...]]:
     """Table of their parameters."""
     rows: list[tuple[str, ...]] = [('of', 'parameters')]
     for kind in dict.fromkeys(e.parameters for e in EVALUATIONS):
-        rows.append((listed(tuple(e.name for e in EVALUATIONS if e.parameters is kind)), ' '.join((kind.__doc__ or '').split())))
+        rows.append(
+            (listed(tuple(e.name for e in EVALUATIONS if e.parameters is kind)), ' '.join((kind.__doc__ or '').split()))
+        )
     return rows
 
 
@@ -54,7 +58,10 @@ def listed(names: tuple[str, ...]) -> str:
 def signals() -> list[tuple[str, ...]]:
     """Table of sources of signals."""
     rows: list[tuple[str, ...]] = [('signal', '', 'unit', 'from')]
-    rows += [(f'`{name}`', text, unit, '; or '.join(channels(way) for way in ways)) for name, (unit, text, ways) in WAYS.items()]
+    rows += [
+        (f'`{name}`', text, unit, '; or '.join(channels(way) for way in ways))
+        for name, (unit, text, ways) in WAYS.items()
+    ]
     return rows
 
 
@@ -71,12 +78,18 @@ def channels(way: Way) -> str:
 
 def maneuvers() -> list[tuple[str, ...]]:
     """Table of their maneuvers."""
-    rows: list[tuple[str, ...]] = [('maneuver', 'file', 'speed at the start', 'time', 'amplitude of the steering wheel')]
+    rows: list[tuple[str, ...]] = [
+        ('maneuver', 'file', 'speed at the start', 'time', 'amplitude of the steering wheel')
+    ]
     for e in EVALUATIONS:
         d = e.drive
-        amplitude = '' if not d.amplitude else 'series from the angle at 0.3 g' if d.series else f'for {d.reaches:.3g} m/s^2'
+        amplitude = (
+            '' if not d.amplitude else 'series from the angle at 0.3 g' if d.series else f'for {d.reaches:.3g} m/s^2'
+        )
         road = f', road `{d.road}.yaml`' if d.road else ''
-        rows.append((f'`{e.name}`', f'`{d.maneuver}.yaml`{road}', f'{3.6 * d.speed:.4g} km/h', f'{d.duration:g} s', amplitude))
+        rows.append(
+            (f'`{e.name}`', f'`{d.maneuver}.yaml`{road}', f'{3.6 * d.speed:.4g} km/h', f'{d.duration:g} s', amplitude)
+        )
     return rows
 
 

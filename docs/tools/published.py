@@ -1,14 +1,16 @@
 """Products that the documents publish, their sources, and the commands that make them anew.
 
     python docs/tools/published.py                    what is older than its sources (part of make lint)
-    python docs/tools/published.py --make             makes all of that anew (make docs); goes on where it was interrupted
+    python docs/tools/published.py --make             makes all of that anew (make docs); goes on where it was
+                                                      interrupted
     python docs/tools/published.py --make car_cost    one product, whether it is older or not
     python docs/tools/published.py --list             all products, with when they were made and how long that took
 
-A product is a set of generated parts of documents and of pictures that the same commands make. docs/published.json holds for every product
-a digest of its sources when it was made, and a digest of what was made. The sources are the modules that its programs import, at any
-depth, as syntax without comments and docstrings, and all data in config/. A part that is older is named, and lint goes on: an edit of the
-solver need not change a figure. A part that was changed by hand is an error.
+A product is a set of generated parts of documents and of pictures that the same commands make. docs/published.json
+holds for every product a digest of its sources when it was made, and a digest of what was made. The sources are the
+modules that its programs import, at any depth, as syntax without comments and docstrings, and all data in config/. A
+part that is older is named, and lint goes on: an edit of the solver need not change a figure. A part that was changed
+by hand is an error.
 """
 
 from __future__ import annotations
@@ -39,9 +41,10 @@ Command = tuple[str, ...]
 
 
 class Product(NamedTuple):
-    """commands: argument lists, of `mbd` or of a tool in docs/tools. roots: modules whose imports are the sources. parts: a pattern of the
-    names of parts between marks; pages: whole pages; pictures: a pattern of files in docs/pictures. peers: other programs that a part
-    holds figures of; without them it is not made, since a page that loses them says less than the old one."""
+    """commands: argument lists, of `mbd` or of a tool in docs/tools. roots: modules whose imports are the sources.
+    parts: a pattern of the names of parts between marks; pages: whole pages; pictures: a pattern of files in
+    docs/pictures. peers: other programs that a part holds figures of; without them it is not made, since a page that
+    loses them says less than the old one."""
 
     commands: tuple[Command, ...]
     roots: tuple[str, ...]
@@ -53,14 +56,19 @@ class Product(NamedTuple):
 
 def _study(name: str, *more: str, peers: tuple[str, ...] = ()) -> Product:
     commands = (('mbd', 'study', name, '--out', f'out/{name}', *more), ('docs/tools/studies.py', 'out', name))
-    return Product(commands, (f'mbd_sim_ros.lab.studies.{name}',), rf'{name}(: .*)?', pictures=f'{name}_*.png', peers=peers)
+    return Product(
+        commands, (f'mbd_sim_ros.lab.studies.{name}',), rf'{name}(: .*)?', pictures=f'{name}_*.png', peers=peers
+    )
 
 
 def _bench(suite: str, *more: str, peers: tuple[str, ...] = ()) -> Product:
     options = ('--suite', f'{suite}.yaml') if suite else ()
     part = f'bench {suite}' if suite else 'bench'
     return Product(
-        (('mbd', 'bench', *options, *more, '--out', 'docs/performance.md'),), ('mbd_sim_ros.lab.benchmarks.suite',), part, peers=peers
+        (('mbd', 'bench', *options, *more, '--out', 'docs/performance.md'),),
+        ('mbd_sim_ros.lab.benchmarks.suite',),
+        part,
+        peers=peers,
     )
 
 
@@ -72,7 +80,8 @@ PEERS = ('exudyn', 'mujoco')
 TRADED = ('car_lane_change', 'car_rough_road', 'car_split_mu_brake', 'car_step_steer', 'car_swept_steer')
 SEEN = ('mbd_sim_ros.batch', 'mbd_sim_ros.analysis.view')
 TRAILER = ('mbd', 'run', 'saloon_with_trailer', '--out', 'out/trailer')
-DWELL = ('mbd', 'run', 'car_sine_with_dwell', '--duration', '5', '--out', 'out/sine_with_dwell')  # then it goes straight on
+# then it goes straight on
+DWELL = ('mbd', 'run', 'car_sine_with_dwell', '--duration', '5', '--out', 'out/sine_with_dwell')
 PRODUCTS: dict[str, Product] = {  # those that take seconds first
     'enveloping': _picture(
         'enveloping.png',
@@ -80,9 +89,17 @@ PRODUCTS: dict[str, Product] = {  # those that take seconds first
         ('docs/tools/enveloping_plots.py', 'config/tires/205_55R16.tir', 'docs/pictures/enveloping.png'),
     ),
     'car_film': _picture(
-        'car.gif', SEEN, DWELL, ('mbd', 'view', 'out/sine_with_dwell', '--out', 'docs/pictures/car.gif', '--rate', '8', '--width', '640')
+        'car.gif',
+        SEEN,
+        DWELL,
+        ('mbd', 'view', 'out/sine_with_dwell', '--out', 'docs/pictures/car.gif', '--rate', '8', '--width', '640'),
     ),
-    'trailer': _picture('trailer.png', SEEN, TRAILER, ('mbd', 'view', 'out/trailer', '--out', 'docs/pictures/trailer.png', '--at', '1.6')),
+    'trailer': _picture(
+        'trailer.png',
+        SEEN,
+        TRAILER,
+        ('mbd', 'view', 'out/trailer', '--out', 'docs/pictures/trailer.png', '--at', '1.6'),
+    ),
     'slider_crank': _study('slider_crank'),
     'validation': _study('validation'),
     'kandc': _study('kandc'),
@@ -211,17 +228,24 @@ def check() -> int:
     noted = manifest()
     by_hand, late = list(changed_by_hand(noted)), older(noted)
     for place in by_hand:
-        print(f'docs/{place}: changed by hand since it was made; python docs/tools/published.py --make, or change what makes it')
+        print(
+            f'docs/{place}: changed by hand since it was made; python docs/tools/published.py --make, or change what '
+            'makes it'
+        )
     if late:
         seconds = [noted.get(name, {}).get('seconds') for name in late]
         known = sum(s for s in seconds if s)
         took = f' (they took {known / 60.0:.0f} min the last time)' if known else ''
-        print(f'older than their sources, {len(late)} of {len(PRODUCTS)} published products: {", ".join(late)}; make docs{took}')
+        print(
+            f'older than their sources, {len(late)} of {len(PRODUCTS)} published products: {", ".join(late)}; make '
+            f'docs{took}'
+        )
     return 1 if by_hand else 0
 
 
 def make(names: Sequence[str]) -> int:
-    """Make products anew, one after the other; each is noted when it is finished. 1 when one failed; the others go on."""
+    """Make products anew, one after the other; each is noted when it is finished. 1 when one failed; the others go
+    on."""
     failed = []
     for k, name in enumerate(names, 1):
         print(f'[{k} of {len(names)}] {name}', flush=True)
@@ -266,10 +290,19 @@ def _run(command: Command) -> bool:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description='What the documents publish: what is older than its sources, and how it is made anew.')
-    parser.add_argument('names', nargs='*', metavar='PRODUCT', help=f'of --make: {", ".join(PRODUCTS)} (without names: all that are older)')
+    parser = argparse.ArgumentParser(
+        description='What the documents publish: what is older than its sources, and how it is made anew.'
+    )
+    parser.add_argument(
+        'names',
+        nargs='*',
+        metavar='PRODUCT',
+        help=f'of --make: {", ".join(PRODUCTS)} (without names: all that are older)',
+    )
     parser.add_argument('--make', action='store_true', help='make products anew')
-    parser.add_argument('--list', action='store_true', help='all products, when they were made and the seconds that took')
+    parser.add_argument(
+        '--list', action='store_true', help='all products, when they were made and the seconds that took'
+    )
     args = parser.parse_args()
     unknown = [name for name in args.names if name not in PRODUCTS]
     if unknown:

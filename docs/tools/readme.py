@@ -1,4 +1,5 @@
-"""Fills the figures of README.md from the tables that commands wrote: `python docs/tools/readme.py` rewrites them, a test compares.
+"""Fills the figures of README.md from the tables that commands wrote: `python docs/tools/readme.py` rewrites them, a
+test compares.
 
 The tables are those of docs/performance.md (`mbd bench`) and docs/validation.md (`mbd study validation`).
 """
@@ -42,7 +43,8 @@ def table() -> str:
             'mbd bench --cases car_on_rig',
         ),
         (
-            f'twenty four-bar linkages ({bars["rows"]} constraints) through singular positions, within 0.1 mm: CPU time for 1 ms',
+            f'twenty four-bar linkages ({bars["rows"]} constraints) through singular positions, within 0.1 mm: CPU '
+            'time for 1 ms',
             f'{bars["ours_01mm"]} us',
             f'Exudyn {bars["exudyn_01mm"]} us, MuJoCo {bars["mujoco_01mm"]} us',
             'mbd bench --cases four_bar_20_in_other_programs',
@@ -61,7 +63,9 @@ def table() -> str:
 def row(text: str, heading: str, case: str) -> dict[str, str]:
     """The row of a case in the table below a heading, by column. Raises LookupError."""
     part = text.partition(f'\n## {heading}\n')[2].partition('\n## ')[0]
-    cells = [[cell.strip() for cell in line.strip('|').split('|')] for line in part.splitlines() if line.startswith('|')]
+    cells = [
+        [cell.strip() for cell in line.strip('|').split('|')] for line in part.splitlines() if line.startswith('|')
+    ]
     found = next((one for one in cells if one[0] == case), None)
     if found is None:
         raise LookupError(f'docs/performance.md: no row {case} below {heading!r}')

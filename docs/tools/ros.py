@@ -27,22 +27,34 @@ FILE = Path(__file__).parents[1] / 'ros.md'
 PART = re.compile(r'<!-- begin (?P<name>\w+) -->\n(?P<body>.*?)<!-- end -->', re.DOTALL)
 WHEEL, KIND = '<wheel>', '<kind>'
 MEANING = {
-    'joint_states': 'position, velocity, generalized force of every joint coordinate; of `steering_wheel` the hand torque',
+    'joint_states': 'position, velocity, generalized force of every joint coordinate; of `steering_wheel` the hand '
+    'torque',
     'odom': 'chassis in `odom`; twist in `base_link`',
     'imu': 'specific force and angular velocity at the centre of mass of the chassis',
     f'tire/{WHEEL}/force': 'force and moment on the wheel, in its contact frame',
     'tire_states': 'named scalars per wheel: load, slip, slip angle, camber, spin, ...',
     'cmd_applied': 'inputs as applied in the step that led here, and `step`: the acknowledgement of a command',
-    f'element_states/{KIND}': 'outputs of the force elements of a kind: `bushings`, `brakes`, ... (parameter `publish_elements`)',
+    f'element_states/{KIND}': 'outputs of the force elements of a kind: `bushings`, `brakes`, ... (parameter '
+    '`publish_elements`)',
     'reactions': 'reaction of every constraint row (parameter `publish_elements`, scene `record.reactions`)',
-    'body_motions': 'velocity and acceleration of every body, along its axes and of its reference frame (scene `record.motions`)',
-    '/tf': '`base_link` and the contact frames in `odom`; at the rate `record.poses` all bodies, as links, and `imu_link`',
+    'body_motions': 'velocity and acceleration of every body, along its axes and of its reference frame (scene '
+    '`record.motions`)',
+    '/tf': '`base_link` and the contact frames in `odom`; at the rate `record.poses` all bodies, as links, and '
+    '`imu_link`',
 }
-SCENE = 'the scene that runs, with every include and override expanded; in its first line which solver computes, and where it begins'
+SCENE = (
+    'the scene that runs, with every include and override expanded; in its first line which solver computes, and '
+    'where it begins'
+)
 FURTHER = (
     ('`robot_description`', 'std_msgs/String', 'reliable, 1, latched', 'URDF of the spanning tree'),
     ('`~/scene`', 'std_msgs/String', 'reliable, 1, latched', SCENE),
-    ('`/clock`', 'rosgraph_msgs/Clock', 'best effort, 1', 'simulation time, at most 100 Hz (in lockstep every state that waits)'),
+    (
+        '`/clock`',
+        'rosgraph_msgs/Clock',
+        'best effort, 1',
+        'simulation time, at most 100 Hz (in lockstep every state that waits)',
+    ),
     ('`/diagnostics`', 'diagnostic_msgs/DiagnosticArray', 'reliable, 10', 'health, once a second'),
 )
 
@@ -76,7 +88,14 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 def topics() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Table of published topics."""
     nothing: tuple[str, ...] = ()
-    given = {'joints': ('a',), 'joint_kinds': ('rotation',), 'bodies': ('chassis',), 'wheels': (WHEEL,), 'inputs': COMMANDS, 'chassis': 0}
+    given = {
+        'joints': ('a',),
+        'joint_kinds': ('rotation',),
+        'bodies': ('chassis',),
+        'wheels': (WHEEL,),
+        'inputs': COMMANDS,
+        'chassis': 0,
+    }
     names = Channels(**given, elements=('a/force',), reactions=nothing, moving=('chassis',))  # type: ignore[arg-type]
     rows = [
         (f'`{t.name}`', t.type.replace('/msg/', '/'), quality(t), MEANING[t.name])
@@ -93,14 +112,28 @@ def quality(topic: Topic) -> str:
 def commands() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Table of subscribed topics."""
     rows = [
-        (f'`~/{c.topic}`', f'std_msgs/{c.type.__name__}', 'reliable, 1', c.text + (f', limit: `{c.limit}`' if c.limit else ''))
+        (
+            f'`~/{c.topic}`',
+            f'std_msgs/{c.type.__name__}',
+            'reliable, 1',
+            c.text + (f', limit: `{c.limit}`' if c.limit else ''),
+        )
         for c in PLAIN.values()
     ]
-    rows.append(('`~/<input>_cmd`', 'std_msgs/Float64', 'reliable, 1', 'input of an element that the scene adds to its vehicle'))
+    rows.append(
+        ('`~/<input>_cmd`', 'std_msgs/Float64', 'reliable, 1', 'input of an element that the scene adds to its vehicle')
+    )
     single = '; '.join(f'`{start}{WHEEL}`: {c.text}, limit: `{c.limit}`' for start, c in BY_WHEEL.items())
-    stamped = 'any commands by name (' + ', '.join(f'`{name}`' for name in PLAIN) + '); `header.stamp`: the state that is answered'
+    stamped = (
+        'any commands by name ('
+        + ', '.join(f'`{name}`' for name in PLAIN)
+        + '); `header.stamp`: the state that is answered'
+    )
     named = [('`~/wheel_cmd`', single), ('`~/lockstep_cmd`', stamped)]
-    return ('topic', 'type', 'QoS', ''), [*rows, *((topic, 'sensor_msgs/JointState', 'reliable, 10', text) for topic, text in named)]
+    return ('topic', 'type', 'QoS', ''), [
+        *rows,
+        *((topic, 'sensor_msgs/JointState', 'reliable, 10', text) for topic, text in named),
+    ]
 
 
 def services() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -111,7 +144,13 @@ def services() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 def adapter() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Table of topics of the adapter."""
     rows: list[tuple[str, ...]] = [
-        (f'`{h.topic}`', h.type.replace('/msg/', '/'), 'reliable, 1' + (', latched' if h.latched else ''), f'in: {h.text}') for h in HEARD
+        (
+            f'`{h.topic}`',
+            h.type.replace('/msg/', '/'),
+            'reliable, 1' + (', latched' if h.latched else ''),
+            f'in: {h.text}',
+        )
+        for h in HEARD
     ]
     rows += [(f'`{t.topic}`', t.type.replace('/msg/', '/'), 'reliable, 1', f'out: {t.text}') for t in TOLD]
     return ('topic', 'type', 'QoS', ''), rows
@@ -119,7 +158,9 @@ def adapter() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 
 def described(parameters: Mapping[str, tuple[Any, str]]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Table of parameters of a node beside the simulator."""
-    return ('parameter', '', 'default'), [(f'`{n}`', text, 'empty' if d == '' else str(d)) for n, (d, text) in parameters.items()]
+    return ('parameter', '', 'default'), [
+        (f'`{n}`', text, 'empty' if d == '' else str(d)) for n, (d, text) in parameters.items()
+    ]
 
 
 def interfaces() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

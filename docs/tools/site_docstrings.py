@@ -1,4 +1,5 @@
-"""Docstrings of this package for Sphinx: prose with `code` in single backquotes becomes reStructuredText; see site_pages.py."""
+"""Docstrings of this package for Sphinx: prose with `code` in single backquotes becomes reStructuredText; see
+site_pages.py."""
 
 from __future__ import annotations
 

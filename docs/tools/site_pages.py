@@ -1,10 +1,12 @@
-"""Makes the documents a static site with a reference of the public interface: `make site`, into site/ (extra `site`: Sphinx, MyST, furo).
+"""Makes the documents a static site with a reference of the public interface: `make site`, into site/ (extra `site`:
+Sphinx, MyST, furo).
 
     python docs/tools/site_pages.py [DIRECTORY]
 
-The pages are those of the checkout, as they are, where they are: docs/, bags/README.md and the pages at the root, READMEs as index pages.
-A link to another file of the checkout leads to a page with its text, one to a folder to a page with its files. The reference is made from
-the docstrings of what docs/api.md lists. Every warning of Sphinx is an error.
+The pages are those of the checkout, as they are, where they are: docs/, bags/README.md and the pages at the root,
+READMEs as index pages. A link to another file of the checkout leads to a page with its text, one to a folder to a page
+with its files. The reference is made from the docstrings of what docs/api.md lists. Every warning of Sphinx is an
+error.
 """
 
 from __future__ import annotations
@@ -103,7 +105,8 @@ class Site:
             self._show(path)
         index = self.directory / 'index.md'
         trees = ''.join(
-            f'\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n' + '\n'.join(names) + '\n```\n' for caption, names in LISTED.items()
+            f'\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n' + '\n'.join(names) + '\n```\n'
+            for caption, names in LISTED.items()
         )
         index.write_text(index.read_text(encoding='utf-8') + trees, encoding='utf-8')
 
@@ -171,7 +174,10 @@ def reference() -> str:
     import mbd_sim_ros
     import solver
 
-    parts = ['# Reference\n\nMade from the docstrings. What of it stays from release to release: [From Python](/docs/api.md).\n']
+    parts = [
+        '# Reference\n\nMade from the docstrings. What of it stays from release to release: [From '
+        'Python](/docs/api.md).\n'
+    ]
     for package in (solver, mbd_sim_ros):
         parts.append(f'\n## {package.__name__}\n\n{(package.__doc__ or "").partition(chr(10))[0]}\n')
         functions = [name for name in package.__all__ if not isinstance(getattr(package, name), type)]
@@ -200,9 +206,21 @@ def build(target: Path) -> int:
         (source / 'raw').mkdir(exist_ok=True)
         version = re.search(r"version='([\d.]+)'", (ROOT / 'setup.py').read_text(encoding='utf-8'))
         assert version
-        (source / 'conf.py').write_text(CONF.format(version=version[1], tools=str(Path(__file__).parent)), encoding='utf-8')
+        (source / 'conf.py').write_text(
+            CONF.format(version=version[1], tools=str(Path(__file__).parent)), encoding='utf-8'
+        )
         return build_main(
-            ['--quiet', '--fail-on-warning', '--keep-going', '-b', 'html', '-d', f'{scratch}/doctrees', str(source), str(target)]
+            [
+                '--quiet',
+                '--fail-on-warning',
+                '--keep-going',
+                '-b',
+                'html',
+                '-d',
+                f'{scratch}/doctrees',
+                str(source),
+                str(target),
+            ]
         )
 
 

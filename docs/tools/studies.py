@@ -1,10 +1,10 @@
-"""Fills the generated parts of docs/studies.md, docs/validation.md, docs/vehicle.md, docs/stability.md and docs/scene.md from
-finished studies: `python docs/tools/studies.py out [NAME ...]`, after `mbd study NAME` into out/NAME. Without names, from all in `out`.
+"""Fills the generated parts of docs/studies.md, docs/validation.md, docs/vehicle.md, docs/stability.md and
+docs/scene.md from finished studies: `python docs/tools/studies.py out [NAME ...]`, after `mbd study NAME` into
+out/NAME. Without names, from all in `out`.
 
-A part stands between `<!-- begin NAME: HEADING -->` and `<!-- end -->` and is that section of out/NAME/report.md without its pictures;
-without a heading it is the text above the first section. Pictures that the document shows as pictures/NAME_FILE.png are copied beside it,
-with few colours.
-Parts of studies that are not there stay as they are.
+A part stands between `<!-- begin NAME: HEADING -->` and `<!-- end -->` and is that section of out/NAME/report.md
+without its pictures; without a heading it is the text above the first section. Pictures that the document shows as
+pictures/NAME_FILE.png are copied beside it, with few colours. Parts of studies that are not there stay as they are.
 """
 
 from __future__ import annotations
@@ -16,7 +16,10 @@ from pathlib import Path
 
 from PIL import Image  # comes with matplotlib
 
-FILES = [Path(__file__).parents[1] / name for name in ('studies.md', 'validation.md', 'vehicle.md', 'stability.md', 'scene.md')]
+FILES = [
+    Path(__file__).parents[1] / name
+    for name in ('studies.md', 'validation.md', 'vehicle.md', 'stability.md', 'scene.md')
+]
 PART = re.compile(r'<!-- begin (?P<name>\w+)(: (?P<heading>[^\n]+))? -->\n.*?<!-- end -->', re.DOTALL)
 COLOURS = 256  # of a copied picture, to keep it small; with 64 two lines of a picture became one colour
 PICTURE = re.compile(r'\]\(pictures/(?P<file>[\w.]+)\)')

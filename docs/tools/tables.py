@@ -1,8 +1,8 @@
-"""Fills the generated parts of docs/scene.md from the dataclasses: `python docs/tools/tables.py` rewrites them, a test compares. It writes
-the JSON Schemas in config/schema too, as `mbd schema --out config/schema` does.
+"""Fills the generated parts of docs/scene.md from the dataclasses: `python docs/tools/tables.py` rewrites them, a test
+compares. It writes the JSON Schemas in config/schema too, as `mbd schema --out config/schema` does.
 
-A part stands between `<!-- begin NAME -->` and `<!-- end -->`. NAME is the dotted name of a dataclass, or `elements` for all
-element kinds of ModelSpec, or `vehicles` for the data of all vehicle templates.
+A part stands between `<!-- begin NAME -->` and `<!-- end -->`. NAME is the dotted name of a dataclass, or `elements`
+for all element kinds of ModelSpec, or `vehicles` for the data of all vehicle templates.
 """
 
 from __future__ import annotations
@@ -31,7 +31,15 @@ from solver.units import SUFFIXES, UNITS
 FILE = Path(__file__).parents[1] / 'scene.md'
 SCHEMAS = Path(__file__).parents[2] / 'config' / 'schema'
 PART = re.compile(r'<!-- begin (?P<name>[\w.]+) -->\n(?P<body>.*?)<!-- end -->', re.DOTALL)
-WORDS = {float: 'number', int: 'whole number', str: 'text', bool: 'true or false', types.NoneType: 'null', Marker: 'marker', Law: 'law'}
+WORDS = {
+    float: 'number',
+    int: 'whole number',
+    str: 'text',
+    bool: 'true or false',
+    types.NoneType: 'null',
+    Marker: 'marker',
+    Law: 'law',
+}
 WORDS[Bound] = 'limit'
 SUFFIX_OF = {UNITS[written][0]: suffix for suffix, written in SUFFIXES.items()}
 
@@ -53,7 +61,9 @@ def part(name: str) -> str:
         for kind, (data, _) in TEMPLATES.items():
             new = [cls for cls in nested(data) if cls not in seen]
             seen.update(new)
-            parts.append(f'### {kind}\n\n' + '\n'.join(f'#### {cls.__name__}\n\n{block(cls, named=True)}' for cls in new))
+            parts.append(
+                f'### {kind}\n\n' + '\n'.join(f'#### {cls.__name__}\n\n{block(cls, named=True)}' for cls in new)
+            )
         return '\n'.join(parts)
     if name == 'quantities':
         rows = [(name, of) for name, of in NAMED.items()] + [(f'{name}.<wheel>', of) for name, of in BY_WHEEL.items()]
@@ -64,7 +74,8 @@ def part(name: str) -> str:
 
 
 def nested(cls: type) -> list[type]:
-    """A dataclass and those in its fields, each once, in order of appearance, without those that have a place of their own."""
+    """A dataclass and those in its fields, each once, in order of appearance, without those that have a place of their
+    own."""
     found: dict[type, None] = {}
 
     def visit(hint: Any) -> None:
@@ -83,7 +94,11 @@ def nested(cls: type) -> list[type]:
 def element(hint: Any) -> type | None:
     """The spec in tuple[Spec, ...], or None."""
     args = get_args(hint)
-    return args[0] if get_origin(hint) is tuple and isinstance(args[0], type) and dataclasses.is_dataclass(args[0]) else None
+    return (
+        args[0]
+        if get_origin(hint) is tuple and isinstance(args[0], type) and dataclasses.is_dataclass(args[0])
+        else None
+    )
 
 
 def block(cls: type, *, named: bool = False) -> str:
@@ -95,7 +110,9 @@ def block(cls: type, *, named: bool = False) -> str:
         if (named and field.name == 'name') or not field.repr or hint is ModelSpec:
             continue
         if 'keys' in field.metadata:
-            rows += [f'| `{key}` | {value(plain(of))} | {unit_of(of)} | none |' for key, of in field.metadata['keys'].items()]
+            rows += [
+                f'| `{key}` | {value(plain(of))} | {unit_of(of)} | none |' for key, of in field.metadata['keys'].items()
+            ]
             continue
         unit = unit_of(hint)
         suffix = f' (or `{field.name}_{SUFFIX_OF[unit]}`)' if unit in SUFFIX_OF else ''
@@ -106,8 +123,14 @@ def block(cls: type, *, named: bool = False) -> str:
 
 def inherited(cls: type) -> list[type]:
     """Classes whose keys data of a vehicle have inherited, where their docstrings say what these are."""
-    bases = [base for base in cls.__mro__[1:] if base.__module__.startswith('solver.vehicle.') and dataclasses.is_dataclass(base)]
-    return [base for base in bases if any(f'{field.name}:' in (base.__doc__ or '') for field in dataclasses.fields(base))]
+    bases = [
+        base
+        for base in cls.__mro__[1:]
+        if base.__module__.startswith('solver.vehicle.') and dataclasses.is_dataclass(base)
+    ]
+    return [
+        base for base in bases if any(f'{field.name}:' in (base.__doc__ or '') for field in dataclasses.fields(base))
+    ]
 
 
 def value(hint: Any) -> str:
@@ -122,19 +145,32 @@ def value(hint: Any) -> str:
         members = [a for a in args if a is not types.NoneType]
         if len(members) == 1:
             return value(members[0])
-        classes = [kind for a in members if dataclasses.is_dataclass(plain(a)) and plain(a) not in WORDS for kind in kinds_of(plain(a))]
+        classes = [
+            kind
+            for a in members
+            if dataclasses.is_dataclass(plain(a)) and plain(a) not in WORDS
+            for kind in kinds_of(plain(a))
+        ]
         words = [value(a) for a in members if not dataclasses.is_dataclass(plain(a)) or plain(a) in WORDS]
         return ' or '.join(words + ([f'mapping with `kind` {", ".join(classes)}'] if classes else []))
     if origin is tuple and len(args) == 2 and args[1] is Ellipsis:
         inner = plain(args[0])
-        if isinstance(inner, type) and dataclasses.is_dataclass(inner) and any(f.name == 'name' for f in dataclasses.fields(inner)):
+        if (
+            isinstance(inner, type)
+            and dataclasses.is_dataclass(inner)
+            and any(f.name == 'name' for f in dataclasses.fields(inner))
+        ):
             return f'mapping name: {inner.__name__.removesuffix("Spec")}'
         if get_origin(inner) is tuple and get_args(inner)[0] is str:
             return f'mapping text: {value(get_args(inner)[1])}'
         return f'list of {value(inner)}'
     if origin is tuple:
         kinds = {value(a) for a in args}
-        return f'list of {len(args)} {plural(kinds.pop())}' if len(kinds) == 1 else '[' + ', '.join(value(a) for a in args) + ']'
+        return (
+            f'list of {len(args)} {plural(kinds.pop())}'
+            if len(kinds) == 1
+            else '[' + ', '.join(value(a) for a in args) + ']'
+        )
     if origin in (dict, Mapping):
         return f'mapping text: {value(args[1])}'
     return f'{hint.__name__.removesuffix("Spec")}'
@@ -157,7 +193,11 @@ def default(field: dataclasses.Field) -> str:
         return 'its defaults'
     if isinstance(field.default, bool):
         return str(field.default).lower()
-    return f'{field.default:g}' if isinstance(field.default, float) else (f'{field.default}' if field.default != '' else 'empty')
+    return (
+        f'{field.default:g}'
+        if isinstance(field.default, float)
+        else (f'{field.default}' if field.default != '' else 'empty')
+    )
 
 
 if __name__ == '__main__':

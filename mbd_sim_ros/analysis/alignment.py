@@ -1,7 +1,8 @@
 """Signals of different recordings at common instants, and the time offset between two recordings.
 
-Kinds of signal, by which they are brought to other instants: 'linear' interpolates, 'hold' takes the last value given (commands),
-'angle' interpolates what np.unwrap gives, 'orientation' interpolates quaternions (x, y, z, w) along the shortest rotation (slerp).
+Kinds of signal, by which they are brought to other instants: 'linear' interpolates, 'hold' takes the last value given
+(commands), 'angle' interpolates what np.unwrap gives, 'orientation' interpolates quaternions (x, y, z, w) along the
+shortest rotation (slerp).
 """
 
 from __future__ import annotations
@@ -42,14 +43,16 @@ class Common(NamedTuple):
     time_ns: np.ndarray
     values: tuple[np.ndarray, ...]
     interpolated: bool  # whether any had to be
-    overlap: float  # shared time relative to the longest of the recordings, after what sampling alone may take away, less what one lost
+    # shared time relative to the longest of the recordings, after what sampling alone may take away, less what one lost
+    overlap: float
 
 
 class Offset(NamedTuple):
     """A time offset [ns] to be added to the stamps of the reference, and how well the signals then agree.
 
-    correlation: of the two signals (Pearson) at the offset, negative where they fit with one of them turned in sign. again: the nearest
-    other offset [s] that fits nearly as well with the same sign, None without. opposed: the same with the other sign.
+    correlation: of the two signals (Pearson) at the offset, negative where they fit with one of them turned in sign.
+    again: the nearest other offset [s] that fits nearly as well with the same sign, None without. opposed: the same
+    with the other sign.
     """
 
     nanoseconds: int
@@ -94,7 +97,9 @@ def common(signals: Sequence[Signal], kind: Kind = 'linear') -> Common:
     longest = max(int(t[-1]) - int(t[0]) for t in grids)
     step = max(_step_ns(t) if s else min(_step_ns(t), GAP_NS) for t, s in zip(grids, sampled))
     usual = max((_step_ns(t) for t in grids if t.size > EVEN[0]), default=0)  # of fewer samples nothing is usual
-    missing = max(0, longest - (last - first) - step) + (0 if kind == 'hold' else _lost_ns(inside, max(GAP_NS, 2 * usual)))
+    missing = max(0, longest - (last - first) - step) + (
+        0 if kind == 'hold' else _lost_ns(inside, max(GAP_NS, 2 * usual))
+    )
     return Common(coarse, values, not all(exact), 1.0 - missing / longest if longest else 1.0)
 
 
@@ -144,7 +149,8 @@ def _at(signal: Signal, instants: np.ndarray, rows: np.ndarray | None, kind: Kin
 def unwrapped(values: np.ndarray) -> np.ndarray:
     """An angle without jumps by full turns. Only values within one turn can have been wrapped: others stay as they are.
 
-    A signal sampled so slowly that it turns by more than half a turn in between, like a wheel, is never within one turn for long.
+    A signal sampled so slowly that it turns by more than half a turn in between, like a wheel, is never within one turn
+    for long.
     """
     finite = values[np.isfinite(values)]
     if finite.size == 0 or np.ptp(finite) > TURN * (1.0 + 1e-6) or np.max(np.abs(finite)) > TURN * (1.0 + 1e-6):
@@ -162,7 +168,8 @@ def is_wrapped(values: np.ndarray) -> bool:
 
 
 def same_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a moved by the number of full turns that brings it nearest to b: where a count starts is arbitrary once angles were wrapped."""
+    """a moved by the number of full turns that brings it nearest to b: where a count starts is arbitrary once angles
+    were wrapped."""
     with np.errstate(invalid='ignore'):
         apart = a - b
     known = apart[np.isfinite(apart)]
@@ -184,7 +191,8 @@ def slerp(a: np.ndarray, b: np.ndarray, part: np.ndarray) -> np.ndarray:
 
 
 def rotation_angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Angle [rad], 0 to pi, of the rotation between the orientations a and b (n, 4), xyzw: 2 atan2(|vector|, |scalar|) of conj(a) b.
+    """Angle [rad], 0 to pi, of the rotation between the orientations a and b (n, 4), xyzw: 2 atan2(|vector|, |scalar|)
+    of conj(a) b.
 
     NaN where one is zero, which sensors that give no orientation send.
     """
@@ -198,12 +206,13 @@ def rotation_angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def find_offset(a: Signal, b: Signal) -> Offset:
     """The offset to be added to the times of b so that it agrees best with a, by cross-correlation.
 
-    Both signals are brought to a grid of the interval of the coarser one, as means over that interval, and smoothed alike: noise above
-    the band that both have would otherwise draw the result to or from whole intervals. The correlation is taken at all lags at which
-    they share at least half of the shorter one, normalised by the means and variances of what they share [Lewis1995]. Between the lags
-    it is a cubic spline, whose maximum is sought: a signal sampled often enough has a smooth correlation. The turned signal has the
-    negative correlation; it is taken where it fits better, and not where it does hardly, as of a sine that half a period turns.
-    Raises BagError where no offset fits.
+    Both signals are brought to a grid of the interval of the coarser one, as means over that interval, and smoothed
+    alike: noise above the band that both have would otherwise draw the result to or from whole intervals. The
+    correlation is taken at all lags at which they share at least half of the shorter one, normalised by the means and
+    variances of what they share [Lewis1995]. Between the lags it is a cubic spline, whose maximum is sought: a signal
+    sampled often enough has a smooth correlation. The turned signal has the negative correlation; it is taken where it
+    fits better, and not where it does hardly, as of a sine that half a period turns. Raises BagError where no offset
+    fits.
     """
     a, b = _of_numbers(a), _of_numbers(b)
     if min(a.time_ns.size, b.time_ns.size) < 2:
@@ -220,7 +229,8 @@ def find_offset(a: Signal, b: Signal) -> Offset:
     moved = begin + round((lag - middle) * dt)
     if not height >= LEAST_CORRELATION:
         raise BagError(
-            f'no time offset brings the signals together: the best, {moved * 1e-9:.4g} s, gives a correlation of {sign * height:.2f};'
+            f'no time offset brings the signals together: the best, {moved * 1e-9:.4g} s, gives a correlation of '
+            f'{sign * height:.2f};'
             ' choose a channel that moves more, or give --offset'
         )
     again = _again(sign * correlation, best)
@@ -252,7 +262,8 @@ def _of_numbers(signal: Signal) -> Signal:
 
 
 def _regular(signal: Signal, dt: float) -> np.ndarray:
-    """Means over intervals dt [ns] around the points of a grid from the first instant on, smoothed, without their mean."""
+    """Means over intervals dt [ns] around the points of a grid from the first instant on, smoothed, without their
+    mean."""
     from scipy.ndimage import gaussian_filter1d
 
     relative = (signal.time_ns - signal.time_ns[0]).astype(float)
@@ -293,7 +304,10 @@ def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     sx, sxx = sums(x, 0)
     sy, syy = sums(y, lags)
     vx, vy = sxx - sx**2 / count, syy - sy**2 / count
-    least = 1e-6 * max(float(np.sum(x * x)) / x.size, np.finfo(float).tiny), 1e-6 * max(float(np.sum(y * y)) / y.size, np.finfo(float).tiny)
+    least = (
+        1e-6 * max(float(np.sum(x * x)) / x.size, np.finfo(float).tiny),
+        1e-6 * max(float(np.sum(y * y)) / y.size, np.finfo(float).tiny),
+    )
     usable = (count >= LEAST_OVERLAP * min(x.size, y.size)) & (vx > least[0] * count) & (vy > least[1] * count)
     with np.errstate(invalid='ignore', divide='ignore'):
         return np.where(usable, (products - sx * sy / count) / np.sqrt(vx * vy), np.nan)

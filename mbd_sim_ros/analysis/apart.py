@@ -30,8 +30,8 @@ OTHERS = 6  # quantities that are shown besides, those that differ most
 
 
 def quantities(differences: Sequence[Difference]) -> list[tuple[str, Difference, str]]:
-    """Channels that differ in their wheel alone are one quantity: (its name, the channel that differs most relative to its peak, what else
-    is wrong with one of them).
+    """Channels that differ in their wheel alone are one quantity: (its name, the channel that differs most relative to
+    its peak, what else is wrong with one of them).
 
     Known quantities come first, then the others by their difference.
     """
@@ -43,7 +43,8 @@ def quantities(differences: Sequence[Difference]) -> list[tuple[str, Difference,
     found = []
     for pattern, members in groups.items():
         worst = max(members, key=lambda d: d.normalised)
-        doubt = next((text for d in members for text in d.reasons[d.max > d.limit :]), '')  # the size, if it is one, is the first reason
+        # the size, if it is one, is the first reason
+        doubt = next((text for d in members for text in d.reasons[d.max > d.limit :]), '')
         found.append((pattern, KNOWN.get(pattern, pattern), worst, doubt))
     order = list(KNOWN)
     found.sort(key=lambda one: (order.index(one[0]) if one[0] in KNOWN else len(order), -one[2].normalised))
@@ -51,18 +52,23 @@ def quantities(differences: Sequence[Difference]) -> list[tuple[str, Difference,
 
 
 def most(differences: Sequence[Difference]) -> str:
-    """The quantities that differ most, known ones if there are any, in percent of their peaks; and how many are not compared throughout."""
+    """The quantities that differ most, known ones if there are any, in percent of their peaks; and how many are not
+    compared throughout."""
     found = quantities(differences)
-    named = [one for one in found if one[0] in KNOWN.values() and one[1].max > 0.0] or [one for one in found if one[1].max > 0.0]
+    named = [one for one in found if one[0] in KNOWN.values() and one[1].max > 0.0] or [
+        one for one in found if one[1].max > 0.0
+    ]
     first = sorted(named, key=lambda one: -one[1].normalised)[:NAMED]
     parted = sum(bool(doubt) for _, _, doubt in found)
-    parts = [', '.join(f'{name} {100.0 * d.normalised:.3g} %' for name, d, _ in first) + ' of their peaks'] if first else []
+    parts = (
+        [', '.join(f'{name} {100.0 * d.normalised:.3g} %' for name, d, _ in first) + ' of their peaks'] if first else []
+    )
     return '; '.join([*parts, *([f'{parted} quantities are not in both for the whole time'] if parted else [])])
 
 
 def rows(differences: Sequence[Difference]) -> list[tuple[str, ...]]:
-    """The rows of a table for people, its head first: all known quantities, the others that differ most, and all about which there is
-    a doubt."""
+    """The rows of a table for people, its head first: all known quantities, the others that differ most, and all about
+    which there is a doubt."""
     found = quantities(differences)
     known = set(KNOWN.values())
     others = [one for one in found if one[0] not in known and one[1].max > 0.0][:OTHERS]

@@ -1,7 +1,8 @@
 """The cells of a text that holds a table: its encoding, separator, header, units and rows, as loggers write them.
 
-The data are the rows of the most usual width that are mostly numbers; the header is the row of that width before them, which a row of units
-may follow. Whatever stands before that (names of tests, versions) and comments (#, %) are passed over.
+The data are the rows of the most usual width that are mostly numbers; the header is the row of that width before them,
+which a row of units may follow. Whatever stands before that (names of tests, versions) and comments (#, %) are passed
+over.
 """
 
 from __future__ import annotations
@@ -23,15 +24,18 @@ NUMBER = re.compile(r'[-+]?(\d+[.,]?\d*|[.,]\d+)([eEdD][-+]?\d+)?')
 COMMENTS = ('#', '%', '//')
 SAMPLE = 400  # rows by which the separator is found
 UNITS_SHARE = 0.6  # part of the cells of a row of units that are known ones
-MORE = {'sec', 'seconds', 'min', 'bar', 'kpa', 'pa', 'mpa', 'psi', 'degc', 'hz', 'kg', 'mv'}  # units that nothing here is in
-LETTERS = {'v', 'a', 'c', 'k', 'l', '1', '-'}  # the same, but in round brackets they are wheels, axes and numbers of sensors
+# units that nothing here is in
+MORE = {'sec', 'seconds', 'min', 'bar', 'kpa', 'pa', 'mpa', 'psi', 'degc', 'hz', 'kg', 'mv'}
+# the same, but in round brackets they are wheels, axes and numbers of sensors
+LETTERS = {'v', 'a', 'c', 'k', 'l', '1', '-'}
 _KNOWN = {unit.lower() for unit in (*UNITS, *SPELLED)} | MORE
 LEAST_SHARE = 0.5  # part of the cells that are numbers in a row of data
 
 
 @dataclass(frozen=True)
 class Rows:
-    """The cells of a text: the header, the units in a row of their own, the rows of data and the lines they are from."""
+    """The cells of a text: the header, the units in a row of their own, the rows of data and the lines they are
+    from."""
 
     names: list[str]
     units: list[str]
@@ -74,7 +78,8 @@ def _share(row: Sequence[str]) -> float:
     """Part of the cells that are numbers, or times, among those that are not empty."""
     filled = [cell for cell in row if cell]
     likes = sum(
-        NUMBER.fullmatch(c) is not None or c.lower().lstrip('+-') in ('nan', 'inf') or (c[0].isdigit() and ':' in c) for c in filled
+        NUMBER.fullmatch(c) is not None or c.lower().lstrip('+-') in ('nan', 'inf') or (c[0].isdigit() and ':' in c)
+        for c in filled
     )
     return likes / len(filled) if filled else 0.0
 
@@ -104,7 +109,9 @@ def rows_of(file: Path) -> Rows:
     except csv.Error as error:
         raise BagError(f'cannot read {file}: it is not a CSV text ({error})') from None
     comment = [row[0].startswith(COMMENTS) for _, row in split]
-    fits = (k for k, (_, row) in enumerate(split) if _fits(row, width) and not comment[k] and _share(row) >= LEAST_SHARE)
+    fits = (
+        k for k, (_, row) in enumerate(split) if _fits(row, width) and not comment[k] and _share(row) >= LEAST_SHARE
+    )
     start = next(fits, len(split))
     ends = [row[width - 1] for _, row in split[start:] if len(row) == width]
     before = split[:start]
@@ -124,7 +131,10 @@ def rows_of(file: Path) -> Rows:
     if not rows:
         raise BagError(f'{file} holds no data: a header line and rows of at least two numbers are needed')
     if len(unread) > len(rows):
-        raise BagError(f'{file}: line {unread[0]} has not the {width} columns of most others, nor have {len(unread) - 1} more lines')
+        raise BagError(
+            f'{file}: line {unread[0]} has not the {width} columns of most others, nor have {len(unread) - 1} more '
+            'lines'
+        )
     return Rows(names, units, rows, numbers, unread, _has_comma(file, rows, numbers, mark))
 
 
@@ -133,8 +143,11 @@ def _fits(row: Sequence[str], width: int) -> bool:
     return len(row) == width or (len(row) > width and not any(row[width:]))
 
 
-def _header(file: Path, before: list[tuple[int, list[str]]], width: int, *, open_end: bool) -> tuple[list[str], list[str]]:
-    """Names and, of a row of their own, units. open_end: rows of data end with a separator, which the header may lack. Raises BagError."""
+def _header(
+    file: Path, before: list[tuple[int, list[str]]], width: int, *, open_end: bool
+) -> tuple[list[str], list[str]]:
+    """Names and, of a row of their own, units. open_end: rows of data end with a separator, which the header may lack.
+    Raises BagError."""
     found: list[list[str]] = []
     other: tuple[int, list[str]] | None = None
     for number, row in reversed(before):
@@ -164,7 +177,8 @@ def _header(file: Path, before: list[tuple[int, list[str]]], width: int, *, open
 
 
 def unit_of(cell: str) -> tuple[str, str]:
-    """(name, unit) of a cell of a header: 'speed [km/h]', 'speed (km/h)'; round brackets hold a unit only where it is known."""
+    """(name, unit) of a cell of a header: 'speed [km/h]', 'speed (km/h)'; round brackets hold a unit only where it is
+    known."""
     for pattern, sure in ((UNIT, True), (ROUND, False)):
         found = pattern.search(cell)
         if found is None:
@@ -180,7 +194,8 @@ def spelled(unit: str) -> str:
     unit = unit.replace('°', 'deg').replace('º', 'deg').strip()
     if unit in UNITS or unit in SPELLED:
         return SPELLED.get(unit, unit)
-    alike = {SPELLED.get(name, name) for name in (*SPELLED, *UNITS) if name.lower() == unit.lower()}  # KN: knots or kilonewtons
+    # KN: knots or kilonewtons
+    alike = {SPELLED.get(name, name) for name in (*SPELLED, *UNITS) if name.lower() == unit.lower()}
     return alike.pop() if len(alike) == 1 else unit
 
 
@@ -194,12 +209,14 @@ def _has_comma(file: Path, rows: Sequence[Sequence[str]], lines: Sequence[int], 
                 points += [(line, cell)] if '.' in cell else []
     if commas and points:
         raise BagError(
-            f'{file}: numbers have points (line {points[0][0]}: {points[0][1]!r}) and commas (line {commas[0][0]}: {commas[0][1]!r}); '
+            f'{file}: numbers have points (line {points[0][0]}: {points[0][1]!r}) and commas (line {commas[0][0]}: '
+            f'{commas[0][1]!r}); '
             'write all of them with points'
         )
     if mark == ',' and commas and all(re.fullmatch(r'[-+]?\d{1,3},\d{3}', cell) for _, cell in commas):
         raise BagError(
-            f'{file}: line {commas[0][0]}: {commas[0][1]!r} may be a decimal comma or one between thousands; write points, or nothing'
+            f'{file}: line {commas[0][0]}: {commas[0][1]!r} may be a decimal comma or one between thousands; write '
+            'points, or nothing'
         )
     return bool(commas)
 

@@ -1,12 +1,13 @@
 """A run beside a reference: per channel the differences at common instants, judged by tolerances.
 
-The reference may be several repeats of one test. Then the run is compared with their mean and may leave it by the confidence band of
-that mean besides the tolerance: mean +- t_{0.975, n-1} s / sqrt(n) at every instant (Student's t, two-sided 95 %). The standards
-[ISOValidation2016] compare a simulation with at least three measured repeats; which band they ask for is not confirmed.
+The reference may be several repeats of one test. Then the run is compared with their mean and may leave it by the
+confidence band of that mean besides the tolerance: mean +- t_{0.975, n-1} s / sqrt(n) at every instant (Student's t,
+two-sided 95 %). The standards [ISOValidation2016] compare a simulation with at least three measured repeats; which band
+they ask for is not confirmed.
 
-Grids: where the instants of the coarsest signal all exist in the others, those are compared and nothing is interpolated; otherwise the
-finer ones are interpolated, each kind of channel in its own way (alignment.py). Orientations are one channel, whose difference is the
-angle of the rotation between them.
+Grids: where the instants of the coarsest signal all exist in the others, those are compared and nothing is
+interpolated; otherwise the finer ones are interpolated, each kind of channel in its own way (alignment.py).
+Orientations are one channel, whose difference is the angle of the rotation between them.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ OVERLAP_MOVED = 0.95  # of recordings that were not started together, least part
 class Comparison:
     """Outcome of compare(): one Difference per channel, the worst relative to its limits first.
 
-    only_in_run, only_in_reference: channels that the other side lacks. offsets: per reference what was added to its stamps [s]. found:
-    the offsets that were sought. origins: what the stamps of each recording count from [s], run first. problems: what else is not as it
-    should be, a sentence each. notes: what was assumed, likewise.
+    only_in_run, only_in_reference: channels that the other side lacks. offsets: per reference what was added to its
+    stamps [s]. found: the offsets that were sought. origins: what the stamps of each recording count from [s], run
+    first. problems: what else is not as it should be, a sentence each. notes: what was assumed, likewise.
     """
 
     differences: tuple[Difference, ...]
@@ -88,19 +89,23 @@ def compare(
 ) -> Comparison:
     """Compare a run with a reference, or with repeats of one.
 
-    exact: the same instants, the same channels and the same bits. channels: shell patterns that choose channels. offset: added to the
-    stamps of the references [s]. align: channel by which a further offset is found, of each reference. overlap: part of the longer
-    recording's time that must be shared; None: all of it, OVERLAP_MOVED where the stamps are moved. held: channels besides
-    cmd_applied that hold their value. rated: also after ISO/TS 18571.
-    Recordings that share no time, with or without the offset, and are stamped with the time of day count from their first stamp.
-    Raises BagError when nothing is common.
+    exact: the same instants, the same channels and the same bits. channels: shell patterns that choose channels.
+    offset: added to the stamps of the references [s]. align: channel by which a further offset is found, of each
+    reference. overlap: part of the longer recording's time that must be shared; None: all of it, OVERLAP_MOVED where
+    the stamps are moved. held: channels besides cmd_applied that hold their value. rated: also after ISO/TS 18571.
+    Recordings that share no time, with or without the offset, and are stamped with the time of day count from their
+    first stamp. Raises BagError when nothing is common.
     """
     limits = tolerances or Tolerances()
     homes = [{name: one for one in r.series.values() for name in one.columns} for r in (run, *references)]
-    names, only_in_run, only_in_reference = shared_names(homes, channels, [name for r in (run, *references) for name in r.names])
+    names, only_in_run, only_in_reference = shared_names(
+        homes, channels, [name for r in (run, *references) for name in r.names]
+    )
     if exact:
         if len(references) != 1 or offset != 0.0 or align is not None:
-            raise BagError('--exact compares two recordings as they are: give two of them, without --offset and --align')
+            raise BagError(
+                '--exact compares two recordings as they are: give two of them, without --offset and --align'
+            )
         unit_of = units(run, *references)
         alone = len(only_in_run) + len(only_in_reference)
         exactly = [exact_difference(name, homes[0][name], homes[1][name], unit_of(name)) for name in names]
@@ -116,7 +121,9 @@ def compare(
     counted = [name for name in names if name in COUNTERS]
     names = [name for name in names if name not in COUNTERS]
     if counted and not names:
-        raise BagError(f'{counted[0]} counts steps, and their number depends on the step size; only --exact compares it')
+        raise BagError(
+            f'{counted[0]} counts steps, and their number depends on the step size; only --exact compares it'
+        )
     origins, shifts, found = _clocks(homes, offset, align)
     unit_of = units(run, *references)
     items = items_of(names, homes, unit_of, held)
@@ -134,7 +141,8 @@ def compare(
             moved = tuple(same_turn(other, first) for other in others)
             if not unit_of(item.name) and (wrapped or _turned(signals, others, moved)):
                 assumed[item.name] = (
-                    f'{item.name} has no unit and is taken as an angle in rad, of which full turns mean nothing; where it is in another '
+                    f'{item.name} has no unit and is taken as an angle in rad, of which full turns mean nothing; where '
+                    'it is in another '
                     'unit, the header of a table or a mapping file must say so'
                 )
             result = result._replace(values=(first, *moved))
@@ -149,7 +157,9 @@ def compare(
         except BagError as error:
             apart.append(str(error))
             continue
-        differences.append(difference_of(item, at, limits.of(item.name), scales[item.name], least, rated or limits.rated, unit_of))
+        differences.append(
+            difference_of(item, at, limits.of(item.name), scales[item.name], least, rated or limits.rated, unit_of)
+        )
     if not differences:
         raise BagError(apart[0])
     by_name = {item.name: item for item in items}
@@ -178,8 +188,11 @@ def _turned(signals: Sequence[Signal], before: Sequence[np.ndarray], after: Sequ
     return jumps or not all(np.array_equal(a, b, equal_nan=True) for a, b in zip(before, after, strict=True))
 
 
-def _clocks(homes: Sequence[Mapping[str, Series]], offset: float, align: str | None) -> tuple[list[int], list[int], list[Offset]]:
-    """Per recording what is added to its stamps [ns] so that they count alike, the same with the offset, and the offsets found."""
+def _clocks(
+    homes: Sequence[Mapping[str, Series]], offset: float, align: str | None
+) -> tuple[list[int], list[int], list[Offset]]:
+    """Per recording what is added to its stamps [ns] so that they count alike, the same with the offset, and the
+    offsets found."""
     spans = []
     for home in homes:
         grids = [one.time_ns for one in home.values()]
@@ -198,7 +211,8 @@ def _clocks(homes: Sequence[Mapping[str, Series]], offset: float, align: str | N
             for side in (homes[0], home):
                 if align not in side:
                     raise BagError(
-                        f'--align {align}: no such channel in both recordings{nearest(align, sorted(homes[0].keys() & home.keys()))}'
+                        f'--align {align}: no such channel in both '
+                        f'recordings{nearest(align, sorted(homes[0].keys() & home.keys()))}'
                     )
             item = Item(align, (align,), 'linear')
             found.append(find_offset(signal_of(item, homes[0], shifts[0]), signal_of(item, home, shifts[k])))

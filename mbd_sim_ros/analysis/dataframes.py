@@ -18,7 +18,9 @@ TIME = 'time'  # name of the index [s]
 
 
 @overload
-def load(bag: str | Path, topics: Sequence[str] | None = None, *, to: Literal['pandas'] = 'pandas') -> dict[str, pd.DataFrame]: ...
+def load(
+    bag: str | Path, topics: Sequence[str] | None = None, *, to: Literal['pandas'] = 'pandas'
+) -> dict[str, pd.DataFrame]: ...
 @overload
 def load(bag: str | Path, topics: Sequence[str] | None = None, *, to: Literal['xarray']) -> dict[str, xr.Dataset]: ...
 def load(bag: str | Path, topics: Sequence[str] | None = None, *, to: str = 'pandas') -> dict[str, Any]:
@@ -42,7 +44,11 @@ def load(bag: str | Path, topics: Sequence[str] | None = None, *, to: str = 'pan
     wanted = [topic.strip('/') for topic in topics]
     for topic in wanted:
         if topic not in found:
-            why = f': {run.left_out[topic]}' if topic in run.left_out else suggestion(topic, run.known.keys() - run.left_out.keys())
+            why = (
+                f': {run.left_out[topic]}'
+                if topic in run.left_out
+                else suggestion(topic, run.known.keys() - run.left_out.keys())
+            )
             raise BagError(f'{bag} has no topic {topic!r} that can be read{why}')
     return {topic: found[topic] for topic in wanted}
 
@@ -77,7 +83,8 @@ def datasets(run: Run) -> dict[str, xr.Dataset]:
 
 
 def export_parquet(run: Run, directory: Path) -> list[Path]:
-    """Write one Parquet file per topic (slashes of its name as dots) and return them; pandas reads back what load() gives.
+    """Write one Parquet file per topic (slashes of its name as dots) and return them; pandas reads back what load()
+    gives.
 
     Columns: time [s] (the index), `time_ns` [ns] as recorded, and the channels, whose fields carry their `unit`.
     Raises BagError when a file cannot be written and where pandas or pyarrow is missing.

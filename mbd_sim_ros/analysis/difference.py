@@ -1,4 +1,5 @@
-"""The difference of a run from its references in one channel: its figures, its curves, and whether it is within tolerance."""
+"""The difference of a run from its references in one channel: its figures, its curves, and whether it is within
+tolerance."""
 
 from __future__ import annotations
 
@@ -34,10 +35,11 @@ class Band:
 class Difference:
     """Difference run - reference of one channel.
 
-    max, rms: of the difference; time [s]: where it is largest. scale: largest |reference|, or the floor under it (Tolerances).
-    peak: values of largest size of run and reference; peak_time: where these are [s]. overlap: part of the longer recording's time that
-    both have. first: time of the first difference [s], of an exact comparison. reasons: why it is not within tolerance.
-    limit: of the largest difference. badness: the largest ratio of a figure to its limit.
+    max, rms: of the difference; time [s]: where it is largest. scale: largest |reference|, or the floor under it
+    (Tolerances). peak: values of largest size of run and reference; peak_time: where these are [s]. overlap: part of
+    the longer recording's time that both have. first: time of the first difference [s], of an exact comparison.
+    reasons: why it is not within tolerance. limit: of the largest difference. badness: the largest ratio of a figure to
+    its limit.
     """
 
     channel: str
@@ -81,7 +83,8 @@ class Difference:
 
 @dataclass(frozen=True, kw_only=True)
 class Curves:
-    """Signals of one channel at common instants, for pictures; half: half width of the confidence band, None without repeats."""
+    """Signals of one channel at common instants, for pictures; half: half width of the confidence band, None without
+    repeats."""
 
     time: np.ndarray  # (n,) [s]
     run: np.ndarray
@@ -111,7 +114,12 @@ def curves_of(kind: Kind, at: Common) -> Curves:
             half = factor * np.sqrt(np.sum([rotation_angle(r, mean) ** 2 for r in references], axis=0) / (n - 1))
             curves = tuple(rotation_angle(r, start) for r in references)
         return Curves(
-            time=time, run=rotation_angle(run, start), reference=rotation_angle(mean, start), difference=gap, half=half, repeats=curves
+            time=time,
+            run=rotation_angle(run, start),
+            reference=rotation_angle(mean, start),
+            difference=gap,
+            half=half,
+            repeats=curves,
         )
     if n == 1:
         with np.errstate(invalid='ignore'):
@@ -121,9 +129,16 @@ def curves_of(kind: Kind, at: Common) -> Curves:
 
 
 def difference_of(
-    item: Item, at: Common, limits: Tolerance, least_scale: float, overlap: float, rated: bool, unit_of: Callable[[str], str]
+    item: Item,
+    at: Common,
+    limits: Tolerance,
+    least_scale: float,
+    overlap: float,
+    rated: bool,
+    unit_of: Callable[[str], str],
 ) -> Difference:
-    """Judge one channel. least_scale: of its values. overlap: part of the time that must be shared. rated: also after ISO/TS 18571."""
+    """Judge one channel. least_scale: of its values. overlap: part of the time that must be shared. rated: also after
+    ISO/TS 18571."""
     c = curves_of(item.kind, at)
     gap = gaps(c.run, c.reference, c.difference)
     half = None if c.half is None else np.where(np.isnan(c.half), 0.0, c.half)  # no band beside no number
@@ -139,7 +154,11 @@ def difference_of(
         one = dict.fromkeys(('corridor', 'phase', 'magnitude', 'slope'), 1.0)
         score = Rating(**one, shift=0.0) if alike else rate(c.time - c.time[0], c.run, c.reference)
     peak = abs(abs(peaks[0][0]) - abs(peaks[1][0]))
-    ratios = {f'differs by {most:.3g}, allowed {limit:.3g}' if c.half is None else f'is {most:.3g} outside the band': _ratio(most, limit)}
+    ratios = {
+        f'differs by {most:.3g}, allowed {limit:.3g}' if c.half is None else f'is {most:.3g} outside the band': _ratio(
+            most, limit
+        )
+    }
     if limits.rms is not None:
         ratios[f'RMS {_ratio(rms, scale):.3g} of the scale'] = _ratio(rms, limits.rms * scale)
     if limits.peak is not None:
@@ -149,7 +168,9 @@ def difference_of(
         ratios[f'shifted by {shift:.3g} s' if score is not None else 'cannot be rated'] = _ratio(shift, limits.shift)
     if limits.rating is not None:
         rating = score.overall if score is not None else 0.0
-        ratios[f'rated {rating:.3g}' if score is not None else 'cannot be rated'] = _ratio(1.0 - rating, 1.0 - limits.rating)
+        ratios[f'rated {rating:.3g}' if score is not None else 'cannot be rated'] = _ratio(
+            1.0 - rating, 1.0 - limits.rating
+        )
     reasons = [text for text, ratio in ratios.items() if not ratio <= 1.0]
     if at.overlap < overlap:
         reasons.append(f'only {100.0 * at.overlap:.4g} % of the time is in both')
@@ -157,7 +178,9 @@ def difference_of(
     if half is not None:
         low, high = np.min(c.repeats, axis=0), np.max(c.repeats, axis=0)
         within = float(np.mean((c.run >= low) & (c.run <= high)))
-        band = Band(repeats=len(c.repeats), width=float(np.max(half)), inside=float(np.mean(beyond == 0.0)), within=within)
+        band = Band(
+            repeats=len(c.repeats), width=float(np.max(half)), inside=float(np.mean(beyond == 0.0)), within=within
+        )
     return Difference(
         channel=item.name,
         unit='rad' if item.kind == 'orientation' else unit_of(item.name),

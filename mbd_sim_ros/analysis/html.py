@@ -1,4 +1,5 @@
-"""A comparison as one HTML file that needs nothing else: curves to zoom into (docs/decisions/0011-report-of-comparisons.md)."""
+"""A comparison as one HTML file that needs nothing else: curves to zoom into
+(docs/decisions/0011-report-of-comparisons.md)."""
 
 from __future__ import annotations
 
@@ -18,14 +19,19 @@ COLUMNS = (
     'peak of run', 'peak of reference', 'peak later by [s]', 'in band', 'time in both',
 )  # fmt: skip
 LEGEND = (
-    'The worst relative to its tolerance comes first. Scale: largest value of the reference. Rating and its parts after ISO/TS 18571, 1 is'
-    ' best. Shift: how much later the run comes, by the largest correlation. In band: part of the time at which the run is inside the 95 %'
+    'The worst relative to its tolerance comes first. Scale: largest value of the reference. Rating and its parts '
+    'after ISO/TS 18571, 1 is'
+    ' best. Shift: how much later the run comes, by the largest correlation. In band: part of the time at which the '
+    'run is inside the 95 %'
     ' confidence band of the mean of the repeats.'
 )
 
 
-def write_report(comparison: Comparison, file: Path, *, names: Sequence[str], about: Sequence[str], verdict: tuple[bool, str]) -> None:
-    """Write the report. names: of the run and its references. about: lines for its head. verdict: whether all is well, and a sentence.
+def write_report(
+    comparison: Comparison, file: Path, *, names: Sequence[str], about: Sequence[str], verdict: tuple[bool, str]
+) -> None:
+    """Write the report. names: of the run and its references. about: lines for its head. verdict: whether all is well,
+    and a sentence.
 
     Raises BagError when the file cannot be written.
     """
@@ -50,7 +56,9 @@ def write_report(comparison: Comparison, file: Path, *, names: Sequence[str], ab
 
 def _row(d: Difference) -> list[Any]:
     scores = (
-        [None] * 6 if d.rating is None else [getattr(d.rating, n) for n in ('overall', 'corridor', 'phase', 'magnitude', 'slope', 'shift')]
+        [None] * 6
+        if d.rating is None
+        else [getattr(d.rating, n) for n in ('overall', 'corridor', 'phase', 'magnitude', 'slope', 'shift')]
     )
     later = d.peak_time[0] - d.peak_time[1]
     figures = [d.max, d.time, d.rms, d.scale, d.normalised, d.rms_normalised, *scores, *d.peak, later]

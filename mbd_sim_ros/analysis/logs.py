@@ -1,7 +1,8 @@
 """Measurements in MDF files and logs of a CAN bus, by asammdf and python-can (the extra `loggers`).
 
-Every group of an MDF file is a topic, its master the time since the start of the measurement. Frames of a bus (.blf, .asc, .log, .trc, MDF
-files of bus logging) become signals by a database (.dbc, .arxml): a message is a topic, its columns are MESSAGE/SIGNAL.
+Every group of an MDF file is a topic, its master the time since the start of the measurement. Frames of a bus (.blf,
+.asc, .log, .trc, MDF files of bus logging) become signals by a database (.dbc, .arxml): a message is a topic, its
+columns are MESSAGE/SIGNAL.
 """
 
 from __future__ import annotations
@@ -58,7 +59,8 @@ def read_log(file: Path, databases: Sequence[Path] = ()) -> Table:
 
 @contextmanager
 def _one_sentence(what: str) -> Iterator[None]:
-    """Whatever a library raises of a damaged file, as one sentence; what it says when it deletes the half of an object is not shown."""
+    """Whatever a library raises of a damaged file, as one sentence; what it says when it deletes the half of an object
+    is not shown."""
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None
     try:
@@ -99,7 +101,13 @@ def _read_mdf(file: Path, table: Table) -> bool:
     with _one_sentence(f'cannot read {file}'), _told(table), File(file) as mdf:
         groups: list[tuple[int, Any]] = list(enumerate(mdf.groups))
         bus = {k for k, group in groups if getattr(group.channel_group, 'flags', 0) & BUS_EVENT}
-        names = [c.name for k, group in groups if k not in bus for i, c in enumerate(group.channels) if mdf.masters_db.get(k) != i]
+        names = [
+            c.name
+            for k, group in groups
+            if k not in bus
+            for i, c in enumerate(group.channels)
+            if mdf.masters_db.get(k) != i
+        ]
         for k, group in groups:
             if k in bus:
                 continue
@@ -181,7 +189,8 @@ def _read_frames(file: Path, databases: Sequence[Path], table: Table) -> None:
                 elif signal['unit']:
                     table.stated[column] = spelled(signal['unit'])
             time = next(iter(signals.values()))['t']
-            _add(table, name if number == 0 else f'{name}-{number}', file, time, columns)  # multiplexed ones have their own instants
+            # multiplexed ones have their own instants
+            _add(table, name if number == 0 else f'{name}-{number}', file, time, columns)
 
 
 def _database(place: Path) -> Any:
@@ -205,17 +214,25 @@ def _add(table: Table, topic: str, file: Path, time: np.ndarray, columns: dict[s
     known = np.abs(seconds) < LATEST  # NaN is not
     if lost := int(seconds.size - np.count_nonzero(known)):
         if lost > (1.0 - LEAST_SHARE) * seconds.size:
-            raise BagError(f'{file}: {lost} of {seconds.size} times of {topic} are no numbers of seconds below {LATEST:.3g}')
+            raise BagError(
+                f'{file}: {lost} of {seconds.size} times of {topic} are no numbers of seconds below {LATEST:.3g}'
+            )
         table.told.append(
-            f'{lost} of {seconds.size} samples of {topic} have a time that is no number below {LATEST:.3g} s, and are dropped'
+            f'{lost} of {seconds.size} samples of {topic} have a time that is no number below {LATEST:.3g} s, and are '
+            'dropped'
         )
         seconds, columns = seconds[known], {name: values[known] for name, values in columns.items()}
     time_ns = np.round(seconds * 1e9).astype(np.int64)
     kept = rising(time_ns)
     if kept.size < LEAST_SHARE * time_ns.size:
-        raise BagError(f'{file}: the times of {topic} stand still or go back in {time_ns.size - kept.size} of {time_ns.size} samples')
+        raise BagError(
+            f'{file}: the times of {topic} stand still or go back in {time_ns.size - kept.size} of {time_ns.size} '
+            'samples'
+        )
     if kept.size < time_ns.size:
-        table.told.append(f'{time_ns.size - kept.size} of {time_ns.size} samples of {topic} repeat a stamp or are out of order')
+        table.told.append(
+            f'{time_ns.size - kept.size} of {time_ns.size} samples of {topic} repeat a stamp or are out of order'
+        )
     for name, values in columns.items():
         lacking = int(np.sum(~np.isfinite(values[kept])))
         if lacking:

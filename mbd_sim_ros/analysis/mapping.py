@@ -1,11 +1,13 @@
-"""Recordings of others under our names: names, units, signs, offsets and axes, from a file or from THEIRS=OURS on the command line.
+"""Recordings of others under our names: names, units, signs, offsets and axes, from a file or from THEIRS=OURS on the
+command line.
 
     channels:                                    # ours: what it is made from
       imu/wz: {channel: vehicle/imu/yaw_rate, unit: deg/s}
       'tire/*/force/fz': {channel: 'wheels/*/load', unit: kN, sign: -1, offset: 12.0}
     axes:                                        # vectors that are given along other axes
       - {channels: [imu/ax, imu/ay, imu/az], rpy_deg: [180, 0, 0]}      # x forward, y right, z down
-    time: {column: 'elapsed', unit: ms}          # of a table in which the name of no column, or of several, is one of time
+    time: {column: 'elapsed', unit: ms}          # of a table in which the name of no column, or of several, is one of
+                                                 time
 
 A `*` in a name stands for the same text on both sides.
 """
@@ -34,9 +36,8 @@ from solver.validate import require
 class ChannelSource:
     """Source of a channel: sign * value * (unit in SI) + offset.
 
-    channel: its name in the other recording. unit: of the values there ('': the one in the header of a table, else as ours). offset: in SI
-    units, added last.
-    hold: the last value holds until the next comes, as of commands.
+    channel: its name in the other recording. unit: of the values there ('': the one in the header of a table, else as
+    ours). offset: in SI units, added last. hold: the last value holds until the next comes, as of commands.
     """
 
     channel: str
@@ -52,21 +53,27 @@ class ChannelSource:
 
 @dataclass(frozen=True, kw_only=True)
 class Axes:
-    """Three channels, ours, that came along other axes: v_ours = Rz(yaw) Ry(pitch) Rx(roll) v_theirs (docs/conventions.md)."""
+    """Three channels, ours, that came along other axes: v_ours = Rz(yaw) Ry(pitch) Rx(roll) v_theirs
+    (docs/conventions.md)."""
 
     channels: tuple[str, ...]
     rpy: tuple[Angle, ...]
 
     def __post_init__(self) -> None:
         require(
-            len(set(self.channels)) == len(self.channels) == 3, 'mapping', 'axes.channels', self.channels, 'must be three channels: x, y, z'
+            len(set(self.channels)) == len(self.channels) == 3,
+            'mapping',
+            'axes.channels',
+            self.channels,
+            'must be three channels: x, y, z',
         )
         require(len(self.rpy) == 3, 'mapping', 'axes.rpy', self.rpy, 'must be three angles: roll, pitch, yaw')
 
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelMap:
-    """All of a mapping file. channels: ours (patterns) -> what it is made from. time: the column of a table that tells the time."""
+    """All of a mapping file. channels: ours (patterns) -> what it is made from. time: the column of a table that tells
+    the time."""
 
     channels: dict[str, ChannelSource]
     axes: tuple[Axes, ...] = field(default_factory=tuple)
@@ -93,15 +100,17 @@ def pairs(texts: Sequence[str]) -> dict[str, ChannelSource]:
 
 
 def literal(name: str) -> str:
-    """A shell pattern for a name of a mapping, in which * alone stands for something: names of fields of messages hold brackets."""
+    """A shell pattern for a name of a mapping, in which * alone stands for something: names of fields of messages hold
+    brackets."""
     return name.replace('[', '[[]').replace('?', '[?]')
 
 
 def resolve(
     channels: Mapping[str, ChannelSource], known: Sequence[str], instead_of: Callable[[str], str] | None = None
 ) -> dict[str, tuple[str, ChannelSource]]:
-    """Ours -> (theirs, source) for every channel of `known` that is mapped, to one of ours or to several. One that is mapped by its own
-    name is not mapped by patterns. instead_of: what is said of a name that is not there, the nearest ones otherwise.
+    """Ours -> (theirs, source) for every channel of `known` that is mapped, to one of ours or to several. One that is
+    mapped by its own name is not mapped by patterns. instead_of: what is said of a name that is not there, the nearest
+    ones otherwise.
 
     Raises BagError for names that are not there and for two sources of one channel.
     """
@@ -127,8 +136,11 @@ def resolve(
     return found
 
 
-def apply(run: Run, channels: Mapping[str, ChannelSource], axes: Sequence[Axes], unit: Callable[[str], str]) -> tuple[Run, frozenset[str]]:
-    """The run under our names and in SI units, and which of its channels are held. unit: of our channels, '' where it is not known.
+def apply(
+    run: Run, channels: Mapping[str, ChannelSource], axes: Sequence[Axes], unit: Callable[[str], str]
+) -> tuple[Run, frozenset[str]]:
+    """The run under our names and in SI units, and which of its channels are held. unit: of our channels, '' where it
+    is not known.
 
     Channels that are not mapped keep their names, unless a mapped one takes it. Columns of a table in other units are
     brought to SI. Raises BagError.
@@ -153,7 +165,11 @@ def apply(run: Run, channels: Mapping[str, ChannelSource], axes: Sequence[Axes],
     for turn in axes:
         _rotate(series, turn)
     known = {
-        topic: tuple(new for name in names for new in ([n for n, _ in made[name]] if name in made else [] if name in found else [name]))
+        topic: tuple(
+            new
+            for name in names
+            for new in ([n for n, _ in made[name]] if name in made else [] if name in found else [name])
+        )
         for topic, names in run.known.items()
     }
     held = frozenset(new for new, (_, source) in found.items() if source.hold)
@@ -166,11 +182,12 @@ def in_si(run: Run, unit: Callable[[str], str]) -> Run:
 
 
 def _converted(name: str, values: np.ndarray, source: ChannelSource, told: str, wanted: str) -> np.ndarray:
-    """Values in the unit `told` as ours. wanted: our unit, '' where it is not known. A unit that is not known is as it is where ours is the
-    same, or not known."""
+    """Values in the unit `told` as ours. wanted: our unit, '' where it is not known. A unit that is not known is as it
+    is where ours is the same, or not known."""
     if told not in UNITS and told and wanted and told != wanted:
         raise BagError(
-            f'mapping of {name}: it is in {wanted}, and {told!r} is no unit that is known here{suggestion(told, UNITS)}; correct the '
+            f'mapping of {name}: it is in {wanted}, and {told!r} is no unit that is known '
+            f'here{suggestion(told, UNITS)}; correct the '
             'header of the table, or give `unit` in a mapping file'
         )
     base, factor = UNITS.get(told, ('', 1.0))

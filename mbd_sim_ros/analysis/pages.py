@@ -1,7 +1,7 @@
 """Web pages of one file that need nothing else: a template, what all of them share (page.css, page.js), and data.
 
-In a template @STYLE@ and @SCRIPT@ stand for the shared style and script, and @DATA@ for the data as JSON; the script gives the rest `data`.
-Curves go as 32-bit floats in base64 (docs/decisions/0011-report-of-comparisons.md).
+In a template @STYLE@ and @SCRIPT@ stand for the shared style and script, and @DATA@ for the data as JSON; the script
+gives the rest `data`. Curves go as 32-bit floats in base64 (docs/decisions/0011-report-of-comparisons.md).
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ HOME = 'mbd_sim_ros.analysis'
 
 
 def fill(file: Path, template: str, data: dict[str, Any]) -> None:
-    """Fill a template (package:file) with data; numbers that are not finite become null. Raises BagError when it cannot be written."""
+    """Fill a template (package:file) with data; numbers that are not finite become null. Raises BagError when it cannot
+    be written."""
     package, _, name = template.partition(':')
     text = json.dumps(plain(data), allow_nan=False).replace('<', '\\u003c')  # no tag can end the script
     page = _text(package, name)
@@ -36,7 +37,10 @@ def fill(file: Path, template: str, data: dict[str, Any]) -> None:
 def plain_page(title: str, parts: Sequence[str]) -> str:
     """A page without script: its parts, in HTML, under the shared style."""
     named, style = html.escape(title), _text(HOME, 'page.css')
-    head = f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{named}</title><style>{style}</style></head><body>'
+    head = (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta '
+        f'charset="utf-8"><title>{named}</title><style>{style}</style></head><body>'
+    )
     return '\n'.join([head, f'<h1>{named}</h1>', *parts, '</body></html>\n'])
 
 
@@ -57,7 +61,8 @@ def floats(values: np.ndarray) -> str:
 
 
 def thinned(points: int, *signals: np.ndarray) -> np.ndarray:
-    """Which samples of signals of one length are drawn: all of short ones, else the extremes of each in every stretch, about `points`."""
+    """Which samples of signals of one length are drawn: all of short ones, else the extremes of each in every stretch,
+    about `points`."""
     n = signals[0].size
     if n <= points:
         return np.arange(n)

@@ -17,7 +17,8 @@ from solver.errors import BagError
 T = TypeVar('T')
 QUATERNION = ('qx', 'qy', 'qz', 'qw')
 ORIENTATION = 'orientation'
-FIELDS = tuple(tuple(f'{name}/{part}' for part in 'xyzw') for name in (ORIENTATION, 'rotation'))  # of a pose, of a transform
+# of a pose, of a transform
+FIELDS = tuple(tuple(f'{name}/{part}' for part in 'xyzw') for name in (ORIENTATION, 'rotation'))
 HEADINGS = ('yaw', 'heading', 'psi', 'course')  # angles of which full turns mean nothing
 
 
@@ -33,7 +34,8 @@ class Item:
 def shared_names(
     homes: Sequence[Mapping[str, Series]], patterns: Sequence[str], known: Sequence[str]
 ) -> tuple[list[str], tuple[str, ...], tuple[str, ...]]:
-    """Channels that all have, those of the run alone, those that it lacks. known: of all recordings, for suggestions."""
+    """Channels that all have, those of the run alone, those that it lacks. known: of all recordings, for
+    suggestions."""
     ours = list(homes[0])
     theirs = list(dict.fromkeys(name for home in homes[1:] for name in home))
     both = [name for name in ours if all(name in home for home in homes[1:])]
@@ -41,7 +43,9 @@ def shared_names(
         raise BagError(f'the two runs have no channel in common ({_some(ours)} here, {_some(theirs)} there)')
     for pattern in patterns:
         if not any(fits(name, pattern) for name in (*both, *_orientations(both))):
-            raise BagError(f'no common channel matches {pattern!r}{nearest(pattern, list(dict.fromkeys(known)) or both)}')
+            raise BagError(
+                f'no common channel matches {pattern!r}{nearest(pattern, list(dict.fromkeys(known)) or both)}'
+            )
 
     def chosen(names: Sequence[str]) -> list[str]:
         return [name for name in names if not patterns or fits_any(name, patterns)]
@@ -55,8 +59,9 @@ def shared_names(
 
 
 def of_one_clock(runs: Sequence[Run]) -> tuple[list[Run], tuple[str, ...]]:
-    """The recordings without topics that all of them have in the time of day beside others that count from a start, as the diagnostics of
-    a node that simulates: of runs at different times of day they share no instant. And a sentence that names these."""
+    """The recordings without topics that all of them have in the time of day beside others that count from a start, as
+    the diagnostics of a node that simulates: of runs at different times of day they share no instant. And a sentence
+    that names these."""
     aside = [{t: run.series[t] for t in in_time_of_day(run.accounts)} for run in runs]
     names = set.intersection(*({name for one in of_run.values() for name in one.columns} for of_run in aside))
     grids = [one.time_ns for of_run in aside for one in of_run.values()]
@@ -70,7 +75,8 @@ def of_one_clock(runs: Sequence[Run]) -> tuple[list[Run], tuple[str, ...]]:
     kept = [replace(run, series=others(run.series), accounts=others(run.accounts)) for run in runs]
     patterns = ', '.join(f"--channel '{t}/*'" for t in topics)
     return kept, (
-        f'not compared, for it is in the time of day beside others in simulation time: {", ".join(topics)} ({patterns} takes it)',
+        f'not compared, for it is in the time of day beside others in simulation time: {", ".join(topics)} ({patterns} '
+        'takes it)',
     )
 
 
@@ -81,7 +87,8 @@ def with_doubts_of(run: Run, names: Collection[str]) -> Run:
 
 
 def _orientations(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Channel -> the four columns it is made of: `<head>/qx` ... of our types, `<head>/orientation/x` or `rotation` of others."""
+    """Channel -> the four columns it is made of: `<head>/qx` ... of our types, `<head>/orientation/x` or `rotation` of
+    others."""
     known, found = set(names), {}
     for name in names:
         for last, parts in ((parts[0], parts) for parts in (QUATERNION, *FIELDS)):
@@ -129,7 +136,8 @@ def signal_of(item: Item, home: Mapping[str, Series], shift_ns: int = 0) -> Sign
 def least_scales(
     items: Sequence[Item], references: Sequence[Mapping[str, Series]], unit_of: Callable[[str], str], floor: float
 ) -> dict[str, float]:
-    """Least scale of every channel: a part of the largest value among channels of the same topic (its first word) and unit."""
+    """Least scale of every channel: a part of the largest value among channels of the same topic (its first word) and
+    unit."""
     largest: dict[tuple[str, str], float] = {}
     kinds = {}
     for item in items:

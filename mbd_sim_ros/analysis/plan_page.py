@@ -1,4 +1,5 @@
-"""The page of a plan: one HTML file with pictures of what was chosen, what it rests on, and what leaving things out saves and costs."""
+"""The page of a plan: one HTML file with pictures of what was chosen, what it rests on, and what leaving things out
+saves and costs."""
 
 from __future__ import annotations
 
@@ -40,40 +41,60 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
     chosen = search.result or nearest(search.tried)
     if data['errors']:
         parts += ['<h2>Errors by origin</h2>', picture(_origins(data)), rows(error_rows(data))]
-        text = 'Each is bounded by the sum of its parts, so that errors which cancel on one maneuver are not counted on.'
+        text = (
+            'Each is bounded by the sum of its parts, so that errors which cancel on one maneuver are not counted on.'
+        )
         if data['largest_error']:
             error, free = 100.0 * data['largest_error'], 100.0 * (1.0 - data['margin'])
-            text += f' The errors themselves use up to {error:.0f} % of a limit; {free:.0f} % leave a margin for other maneuvers.'
+            text += (
+                f' The errors themselves use up to {error:.0f} % of a limit; {free:.0f} % leave a margin for '
+                'other '
+                'maneuvers.'
+            )
         parts.append(f'<p>{text}</p>')
     if chosen is not None:
         parts += ['<h2>Curves on the maneuver of the scene</h2>', _curves(search, chosen)]
     if search.tried:
         parts += ['<h2>What was tried</h2>', picture(_tried(search, chosen))]
         parts.append(
-            '<p>Share of the limit that the largest bound uses, and expected cost. Dots keep everything; crosses below the line have errors'
+            '<p>Share of the limit that the largest bound uses, and expected cost. Dots keep everything; crosses below '
+            'the line have errors'
             ' that leave no margin.</p>'
         )
     parts += ['<h2>Levels of detail</h2>', rows([('level', ''), *data['levels'].items()])]
     if any(i.errors for i in search.influences):
         parts += ['<h2>Which subsystem matters for which output</h2>', picture(_influences(search))]
         parts.append(
-            '<p>RMS change of each output, in % of its peak, when the subsystem alone is left out of the chosen level; beside it what a'
+            '<p>RMS change of each output, in % of its peak, when the subsystem alone is left out of the chosen level; '
+            'beside it what a'
             ' step then costs. Subsystems that save nothing are not shown.</p>'
         )
     if data['checks']:
         parts += ['<h2>Maneuvers that had no part in the choice</h2>', picture(_checks(data))]
         ranges = ', '.join(f'{name} from {low:g} to {high:g}' for name, (low, high) in data['unseen']['ranges'].items())
-        parts += [f'<p>Within these ranges, as factors on what the scene has: {ranges}.</p>' if ranges else '', rows(_check_rows(data))]
+        parts += [
+            f'<p>Within these ranges, as factors on what the scene has: {ranges}.</p>' if ranges else '',
+            rows(_check_rows(data)),
+        ]
     reference = data['reference']
     if reference:
         steps = ', '.join(f'{1e3 * h:g}' for h in reference['steps'])
-        parts += ['<h2>Reference</h2>', f'<p>Converged full vehicle from steps of {steps} ms. RMS, in % of the peak:</p>']
+        parts += [
+            '<h2>Reference</h2>',
+            f'<p>Converged full vehicle from steps of {steps} ms. RMS, in % of the peak:</p>',
+        ]
         second = reference['second_formulation']
-        table = [(name, f'{100 * b:.2g}', f'{100 * second[name]:.2g}' if name in second else '-') for name, b in reference['band'].items()]
+        table = [
+            (name, f'{100 * b:.2g}', f'{100 * second[name]:.2g}' if name in second else '-')
+            for name, b in reference['band'].items()
+        ]
         parts.append(rows([('quantity', 'band', 'second formulation'), *table]))
         if reference['elsewhere']:
             judge = html.escape(' and '.join(reference['elsewhere']))
-            parts.append(f'<p>On other maneuvers the reference is {judge}, whose error on this one is a small share of every limit.</p>')
+            parts.append(
+                f'<p>On other maneuvers the reference is {judge}, whose error on this one is a small share of every '
+                'limit.</p>'
+            )
     envelope = [(e['quantity'], shown(e['low'], e['unit']), shown(e['high'], e['unit'])) for e in data['envelope']]
     parts += ['<h2>Envelope</h2>', rows([('quantity', 'from', 'to'), *envelope])]
     parts.append(f'<p>Certificate {html.escape(data["hash"])}; {html.escape(data["baseline"])} costs 1.</p>')
@@ -140,7 +161,9 @@ def error_rows(data: dict[str, Any]) -> list[tuple[str, ...]]:
     for quantity, measures in data['errors'].items():
         for measure, e in measures.items():
             unit = 's' if measure == 'delay' else data['units'][quantity]
-            found.append((f'{quantity} {measure}', *('-' if e[name] is None else shown(e[name], unit) for name in names)))
+            found.append(
+                (f'{quantity} {measure}', *('-' if e[name] is None else shown(e[name], unit) for name in names))
+            )
     return found
 
 
@@ -167,7 +190,13 @@ def _origins(data: dict[str, Any]) -> Figure:
     ax.set_yticks(range(len(errors)), [name for name, _ in errors])
     ax.invert_yaxis()
     ax.set_xlabel('% of the limit')
-    ax.legend(fontsize=8, ncols=4, loc='upper center', bbox_to_anchor=(0.5, 1.0 + 0.5 / (0.5 + 0.42 * len(errors))), frameon=False)
+    ax.legend(
+        fontsize=8,
+        ncols=4,
+        loc='upper center',
+        bbox_to_anchor=(0.5, 1.0 + 0.5 / (0.5 + 0.42 * len(errors))),
+        frameon=False,
+    )
     return figure
 
 
@@ -187,7 +216,9 @@ def _curves(search: Search, chosen: Verdict) -> str:
         ax.plot(found.time, found.curves[name][:, 0], color=FIRST, lw=1.0, ls=(0, (5, 3)), label=str(chosen.setting))
         error = truth.errors(found)[name]
         ax.set_title(
-            f'{name} [{truth.quantities[name].unit}]: RMS error {100 * error.share("rms"):.2g} % of the peak', loc='left', fontsize=9
+            f'{name} [{truth.quantities[name].unit}]: RMS error {100 * error.share("rms"):.2g} % of the peak',
+            loc='left',
+            fontsize=9,
         )
         ax.margins(x=0.01)
     axes[-1, 0].set_xlabel('time [s]')
@@ -205,11 +236,25 @@ def _tried(search: Search, chosen: Verdict | None) -> Figure:
         for kept, marker in ((True, 'o'), (False, 'x')):
             some = [t for t in points if (not t.dropped) == kept]
             label = level if kept else None
-            ax.scatter([1e3 * t.cost for t in some], [t.used for t in some], marker=marker, color=colours[level], s=26, label=label)
+            ax.scatter(
+                [1e3 * t.cost for t in some],
+                [t.used for t in some],
+                marker=marker,
+                color=colours[level],
+                s=26,
+                label=label,
+            )
     if chosen is not None and np.isfinite(chosen.used):
-        ax.scatter([1e3 * chosen.cost], [chosen.used], s=190, facecolor='none', edgecolor='black', lw=1.5, label='chosen')
+        ax.scatter(
+            [1e3 * chosen.cost], [chosen.used], s=190, facecolor='none', edgecolor='black', lw=1.5, label='chosen'
+        )
     ax.axhline(1.0, color='black', lw=1.2)
-    ax.set(xscale='log', yscale='log', xlabel='expected cost [ms of CPU per simulated second]', ylabel='largest share of a limit')
+    ax.set(
+        xscale='log',
+        yscale='log',
+        xlabel='expected cost [ms of CPU per simulated second]',
+        ylabel='largest share of a limit',
+    )
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(StrMethodFormatter('{x:g}'))
@@ -229,7 +274,15 @@ def _influences(search: Search) -> Figure:
     ax.imshow(np.log10(finite), cmap='Blues', aspect='auto', vmin=-3, vmax=2)
     for i, row in enumerate(table):
         for k, value in enumerate(row):
-            text = '-' if not np.isfinite(value) else '0' if value < 1e-6 else f'{value:.1g}' if value < 10.0 else f'{value:.0f}'
+            text = (
+                '-'
+                if not np.isfinite(value)
+                else '0'
+                if value < 1e-6
+                else f'{value:.1g}'
+                if value < 10.0
+                else f'{value:.0f}'
+            )
             ax.text(k, i, text, ha='center', va='center', fontsize=8, color='white' if value > 3.0 else 'black')
     ax.set_xticks(range(len(names)), names, rotation=45, ha='right', fontsize=8)
     labels = [f'{i.subsystem}: step {100 * i.cost:.0f} %' for i in known]

@@ -14,7 +14,13 @@ from solver.errors import BagError
 SHOWN = 6
 FIRST, SECOND = '#d95f02', '#1b6ca8'  # run, reference; apart for colour-blind eyes too
 GREY = '#555555'
-STYLE: dict = {'font.size': 9, 'axes.grid': True, 'grid.color': '#e4e4e4', 'axes.spines.top': False, 'axes.spines.right': False}
+STYLE: dict = {
+    'font.size': 9,
+    'axes.grid': True,
+    'grid.color': '#e4e4e4',
+    'axes.spines.top': False,
+    'axes.spines.right': False,
+}
 
 
 def plot_comparison(comparison: Comparison, file: Path, *, names: tuple[str, str] = ('run', 'reference')) -> None:
@@ -36,7 +42,9 @@ def plot_comparison(comparison: Comparison, file: Path, *, names: tuple[str, str
             left.set_title(d.channel + (f' [{d.unit}]' if d.unit not in ('', '1') else ''), loc='left', fontsize=9)
             right.plot(c.time, c.difference, color=GREY, lw=0.9)
             right.set_title(
-                f'difference: max {d.max:.3g} at {d.time:g} s, RMS {d.rms:.3g}' + ('' if d.ok else '  OUTSIDE'), loc='left', fontsize=9
+                f'difference: max {d.max:.3g} at {d.time:g} s, RMS {d.rms:.3g}' + ('' if d.ok else '  OUTSIDE'),
+                loc='left',
+                fontsize=9,
             )
             for ax in (left, right):
                 ax.margins(x=0.01)

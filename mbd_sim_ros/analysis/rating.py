@@ -1,21 +1,24 @@
-"""Objective rating of a signal against a reference after ISO/TS 18571: corridor, phase, magnitude and slope, each 0 to 1.
+"""Objective rating of a signal against a reference after ISO/TS 18571: corridor, phase, magnitude and slope, each 0 to
+1.
 
 R = 0.4 Z + 0.2 E_P + 0.2 E_M + 0.2 E_S.
 
-- Corridor Z: mean over the samples of 1 inside the inner corridor (5 % of the peak of the reference), 0 outside the outer one (50 %)
-  and ((outer - d) / (outer - inner))^2 in between.
-- Phase E_P: the signals are moved against each other by up to 20 % of their length; the shift of m of n samples with the largest
-  correlation gives 1 - m / (0.2 n). Magnitude and slope are judged after this shift. The time shift that is given besides is known better
-  than to a sample: what is left of it is that of least squares.
-- Magnitude E_M: dynamic time warping (squared distance, steps of weight one, a band of 10 % of the length) pairs the samples;
-  e = sum |a - b| / sum |b| over the pairs gives 1 - e / 0.5, at least 0.
-- Slope E_S: central differences, averaged over nine samples (fewer at the ends); e = sum |a' - b'| / sum |b'| gives 1 - e / 2.
+- Corridor Z: mean over the samples of 1 inside the inner corridor (5 % of the peak of the reference), 0 outside the
+  outer one (50 %) and ((outer - d) / (outer - inner))^2 in between.
+- Phase E_P: the signals are moved against each other by up to 20 % of their length; the shift of m of n samples with
+  the largest correlation gives 1 - m / (0.2 n). Magnitude and slope are judged after this shift. The time shift that is
+  given besides is known better than to a sample: what is left of it is that of least squares.
+- Magnitude E_M: dynamic time warping (squared distance, steps of weight one, a band of 10 % of the length) pairs the
+  samples; e = sum |a - b| / sum |b| over the pairs gives 1 - e / 0.5, at least 0.
+- Slope E_S: central differences, averaged over nine samples (fewer at the ends); e = sum |a' - b'| / sum |b'| gives 1 -
+e / 2.
 
-Source of formulas and parameters: [ISORating2024] by its public implementations, whose tests hold the results of the annex of the standard.
-Beside the second of them all scores of 150 random pairs (scaled, shifted, disturbed, noisy, unrelated; 60 to 600 samples) are the same to
-the nine digits that it gives. The text of the standard itself was not at hand: not confirmed are its rules for the sampling of signals
-slower than those of a crash (it asks for 10 kHz) and its names for ranges of R. Here signals are sampled at 50 Hz, finer where less than
-20 s are shared (1000 samples), never finer than they were recorded.
+Source of formulas and parameters: [ISORating2024] by its public implementations, whose tests hold the results of the
+annex of the standard. Beside the second of them all scores of 150 random pairs (scaled, shifted, disturbed, noisy,
+unrelated; 60 to 600 samples) are the same to the nine digits that it gives. The text of the standard itself was not at
+hand: not confirmed are its rules for the sampling of signals slower than those of a crash (it asks for 10 kHz) and its
+names for ranges of R. Here signals are sampled at 50 Hz, finer where less than 20 s are shared (1000 samples), never
+finer than they were recorded.
 """
 
 from __future__ import annotations
@@ -55,7 +58,8 @@ class Rating:
 
 
 def rate(time: np.ndarray, values: np.ndarray, reference: np.ndarray) -> Rating | None:
-    """Rate a signal against its reference at the same instants [s]; None for signals of fewer than LEAST samples or with gaps."""
+    """Rate a signal against its reference at the same instants [s]; None for signals of fewer than LEAST samples or
+    with gaps."""
     if time.size < LEAST or not (np.all(np.isfinite(values)) and np.all(np.isfinite(reference))):
         return None
     grid = sampling(time)
@@ -76,7 +80,9 @@ def rate_sampled(values: np.ndarray, reference: np.ndarray, dt: float) -> Rating
     later = shift_of(values, reference)
     n = values.size
     moved, fixed = (values[later:], reference[: n - later]) if later >= 0 else (values[:later], reference[-later:])
-    magnitude = _relative(*map(float, warped(np.ascontiguousarray(moved), np.ascontiguousarray(fixed), _band(moved.size))))
+    magnitude = _relative(
+        *map(float, warped(np.ascontiguousarray(moved), np.ascontiguousarray(fixed), _band(moved.size)))
+    )
     a, b = smooth_slope(moved), smooth_slope(fixed)
     slope = _relative(float(np.sum(np.abs(a - b))), float(np.sum(np.abs(b))))
     return Rating(
@@ -98,7 +104,8 @@ def corridor(values: np.ndarray, reference: np.ndarray) -> float:
 
 
 def shift_of(values: np.ndarray, reference: np.ndarray) -> int:
-    """By how many samples the signal comes later than the reference: the shift of largest correlation, the smaller of equals."""
+    """By how many samples the signal comes later than the reference: the shift of largest correlation, the smaller of
+    equals."""
     n = values.size
     x, y = values - values.mean(), reference - reference.mean()
     size = 1 << (2 * n - 1).bit_length()
@@ -125,7 +132,8 @@ def shift_of(values: np.ndarray, reference: np.ndarray) -> int:
 
 
 def rest_of_shift(values: np.ndarray, reference: np.ndarray) -> float:
-    """By what part of a sample, half of one at most, the signal still comes later: the d with which a reference(t - d) + c fits it best.
+    """By what part of a sample, half of one at most, the signal still comes later: the d with which a reference(t - d)
+    + c fits it best.
 
     By least squares of first order in d, that is with a reference - a d slope + c.
     """

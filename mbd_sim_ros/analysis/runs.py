@@ -1,4 +1,5 @@
-"""Runs as text: CSV files with one header line, `name [unit]`, first column `time [s]`; numbers survive the way back bit for bit."""
+"""Runs as text: CSV files with one header line, `name [unit]`, first column `time [s]`; numbers survive the way back
+bit for bit."""
 
 from __future__ import annotations
 
@@ -35,7 +36,9 @@ BLOCK_UNITS = {
     'force': {'fx': 'N', 'fy': 'N', 'fz': 'N', 'mx': 'N m', 'my': 'N m', 'mz': 'N m'},
 }
 MOTION_UNITS = BLOCK_UNITS['twist'] | BLOCK_UNITS['imu'] | dict.fromkeys(('dwx', 'dwy', 'dwz'), 'rad/s^2')
-REACTION_UNITS = dict.fromkeys(('x', 'y', 'z', 'distance'), 'N') | dict.fromkeys(('xy', 'xz', 'yz', 'zz', 'twist'), 'N m')
+REACTION_UNITS = dict.fromkeys(('x', 'y', 'z', 'distance'), 'N') | dict.fromkeys(
+    ('xy', 'xz', 'yz', 'zz', 'twist'), 'N m'
+)
 INPUT_UNITS = {
     'steering': 'rad',
     'steering_rate': 'rad/s',
@@ -47,9 +50,9 @@ INPUT_UNITS = {
 
 
 def units(*runs: Run) -> Callable[[str], str]:
-    """The unit of a column, '' where the recordings do not tell: joints by their kind, elements by the kind whose outputs they have, those
-    on joint coordinates by the kind of these, reactions by their row (docs/conventions.md); of what is none of these that in SI of the
-    unit in the header of a table.
+    """The unit of a column, '' where the recordings do not tell: joints by their kind, elements by the kind whose
+    outputs they have, those on joint coordinates by the kind of these, reactions by their row (docs/conventions.md); of
+    what is none of these that in SI of the unit in the header of a table.
     """
     stated: dict[str, str] = {}
     kinds: dict[str, str] = {}
@@ -71,8 +74,8 @@ def units(*runs: Run) -> Callable[[str], str]:
 
 @cache
 def _element_units(found: tuple[str, ...], along: str) -> dict[str, str]:
-    """Output -> unit of the kinds of elements with these outputs, as far as they agree; of all kinds where none has them. along: whether
-    the coordinate of the element is a 'rotation' or a 'translation', '' where it is not known.
+    """Output -> unit of the kinds of elements with these outputs, as far as they agree; of all kinds where none has
+    them. along: whether the coordinate of the element is a 'rotation' or a 'translation', '' where it is not known.
     """
     from solver.elements.registry import FORCES  # with the kernels of all elements: half a second
 
@@ -106,14 +109,16 @@ def _unit(column: str, kinds: Mapping[str, str], along: Mapping[str, str], outpu
     if topic == 'body_motions':
         return MOTION_UNITS.get(last, '')
     if topic == 'reactions':  # a row of a joint or contact, or the one of what ties joint coordinates
-        return REACTION_UNITS.get(last, '') if '/' in rest else JOINT_UNITS.get(along.get(rest, ''), {}).get('effort', '')
+        return (
+            REACTION_UNITS.get(last, '') if '/' in rest else JOINT_UNITS.get(along.get(rest, ''), {}).get('effort', '')
+        )
     block = BLOCK_UNITS.get(head.rpartition('/')[2], {})
     return block.get(last, '1' if last in ('qx', 'qy', 'qz', 'qw') else '')
 
 
 def export(run: Run, directory: Path) -> list[Path]:
-    """Write one CSV file per topic (slashes of its name as dots), each whole or not at all, and return them. Raises BagError when a file
-    cannot be written."""
+    """Write one CSV file per topic (slashes of its name as dots), each whole or not at all, and return them. Raises
+    BagError when a file cannot be written."""
     unit = units(run)
     files = []
     try:
@@ -124,7 +129,9 @@ def export(run: Run, directory: Path) -> list[Path]:
             with atomic_write(file) as part, part.open('w', newline='', encoding='utf-8') as stream:
                 writer = csv.writer(stream, lineterminator='\n')
                 names = {c: c.removeprefix(topic + '/') for c in series.columns}
-                writer.writerow([TIME, *(f'{n} [{unit(c)}]' if unit(c) or UNIT.search(n) else n for c, n in names.items())])
+                writer.writerow(
+                    [TIME, *(f'{n} [{unit(c)}]' if unit(c) or UNIT.search(n) else n for c, n in names.items())]
+                )
                 for begin in range(0, series.time_ns.size, ROWS):
                     seconds = (seconds_of(int(t)) for t in series.time_ns[begin : begin + ROWS])
                     values = np.column_stack([v[begin : begin + ROWS] for v in series.columns.values()])
@@ -190,10 +197,11 @@ def read(
     """A recording (bags.reader.read), a table (tables.py), a measurement or CAN log (logs.py), or a directory of .csv
     files as export() writes them.
 
-    channels: shell patterns of the columns to read; all without any. Columns of a table in a directory get the name of its topic in front;
-    those of a single one are as in its header, unless none of these names is in `beside`, or fits `channels`, and one with the topic does.
-    time: the column of tables that tells the time. databases: of the frames in a CAN log. The numbers are those of the file:
-    `stated` of the run tells their units. Raises BagError (file, line, remedy).
+    channels: shell patterns of the columns to read; all without any. Columns of a table in a directory get the name of
+    its topic in front; those of a single one are as in its header, unless none of these names is in `beside`, or fits
+    `channels`, and one with the topic does. time: the column of tables that tells the time. databases: of the frames in
+    a CAN log. The numbers are those of the file: `stated` of the run tells their units. Raises BagError (file, line,
+    remedy).
     """
     path = Path(path)
     single = path.suffix.lower() in SUFFIXES and not path.is_dir()

@@ -1,7 +1,8 @@
 """The column of time of a table, as nanoseconds: numbers in any unit of time, epoch stamps, ISO dates, times of day.
 
-A unit that nobody tells is taken for seconds only where the interval between the rows is one that a logger has in seconds, or where the
-numbers are stamps since 1970; else the column is refused, for 10, 20, 30 may be seconds or milliseconds.
+A unit that nobody tells is taken for seconds only where the interval between the rows is one that a logger has in
+seconds, or where the numbers are stamps since 1970; else the column is refused, for 10, 20, 30 may be seconds or
+milliseconds.
 """
 
 from __future__ import annotations
@@ -20,22 +21,51 @@ from solver.errors import BagError
 SECOND_NS = 1_000_000_000
 DAY_NS = 86_400 * SECOND_NS
 LATEST = 2.0**62 * 1e-9  # s: so many nanoseconds, and differences of them, are whole numbers of 64 bits
-UNITS_NS = {'s': SECOND_NS, 'ms': 1_000_000, 'us': 1_000, 'ns': 1, 'min': 60 * SECOND_NS, 'h': 3600 * SECOND_NS, 'd': DAY_NS}
+UNITS_NS = {
+    's': SECOND_NS,
+    'ms': 1_000_000,
+    'us': 1_000,
+    'ns': 1,
+    'min': 60 * SECOND_NS,
+    'h': 3600 * SECOND_NS,
+    'd': DAY_NS,
+}
 SPELLED = {
-    'sec': 's', 'secs': 's', 'second': 's', 'seconds': 's', 'sekunden': 's', 'msec': 'ms', 'millis': 'ms', 'milliseconds': 'ms',
-    'usec': 'us', 'µs': 'us', 'μs': 'us', 'micros': 'us', 'microseconds': 'us', 'nsec': 'ns', 'nsecs': 'ns', 'nanos': 'ns', 'nanosec': 'ns',
+    'sec': 's', 'secs': 's', 'second': 's', 'seconds': 's', 'sekunden': 's', 'msec': 'ms', 'millis': 'ms',
+    'milliseconds': 'ms',
+    'usec': 'us', 'µs': 'us', 'μs': 'us', 'micros': 'us', 'microseconds': 'us', 'nsec': 'ns', 'nsecs': 'ns',
+    'nanos': 'ns', 'nanosec': 'ns',
     'nanoseconds': 'ns', 'minutes': 'min', 'hours': 'h', 'hr': 'h', 'days': 'd',
 }  # fmt: skip
-EXACT = {'time', 't', 'timestamp', 'timestamps', 'stamp', 'zeit', 'ts', 'datetime', 'utc', 'uhrzeit', 'zeitstempel'}  # names of time
+# names of time
+EXACT = {'time', 't', 'timestamp', 'timestamps', 'stamp', 'zeit', 'ts', 'datetime', 'utc', 'uhrzeit', 'zeitstempel'}
 EXACT |= UNITS_NS.keys() - {'h', 'd'} | SPELLED.keys() - {'hr', 'days', 'hours'}
-WORDS = {'time', 'timestamp', 'zeit', 'stamp', 'elapsed', 'datetime', 'uhrzeit', 'zeitstempel', 'utc'}  # in a name of time
-OTHERS = {'lap', 'best', 'split', 'rise', 'reaction', 'response', 'constant', 'delta', 'diff', 'gap', 'headway', 'collision', 'step', 'in'}
+# in a name of time
+WORDS = {'time', 'timestamp', 'zeit', 'stamp', 'elapsed', 'datetime', 'uhrzeit', 'zeitstempel', 'utc'}
+OTHERS = {
+    'lap',
+    'best',
+    'split',
+    'rise',
+    'reaction',
+    'response',
+    'constant',
+    'delta',
+    'diff',
+    'gap',
+    'headway',
+    'collision',
+    'step',
+    'in',
+}
 EPOCH_S = (1e8, LATEST)  # s since 1970: from 1973 to 2116; smaller numbers count from the start of a measurement
-INTERVAL_S = (1e-5, 1.0)  # s from row to row of what counts from a start, without a unit; ten times as much may be milliseconds
+# s from row to row of what counts from a start, without a unit; ten times as much may be milliseconds
+INTERVAL_S = (1e-5, 1.0)
 EPOCH_INTERVAL_S = (1e-5, 60.0)  # the same of stamps since 1970, whose size tells the unit
 NUMBERS_LEAST = 0.5  # part of the rows that must have a time
 ISO = re.compile(
-    r'(\d{4})[-/](\d\d)[-/](\d\d)(?:[T ]+(\d\d):(\d\d)(?::(\d\d)(?:[.,](\d+))?)?)?\s*(Z|UTC|[+-]\d\d:?(?:\d\d)?)?', re.IGNORECASE
+    r'(\d{4})[-/](\d\d)[-/](\d\d)(?:[T ]+(\d\d):(\d\d)(?::(\d\d)(?:[.,](\d+))?)?)?\s*(Z|UTC|[+-]\d\d:?(?:\d\d)?)?',
+    re.IGNORECASE,
 )
 DOTTED = re.compile(r'(\d\d?)\.(\d\d?)\.(\d{4})(.*)')  # day, month, year: with dots in no other order
 CLOCK = re.compile(r'(?:(\d{1,2}):)?(\d{1,2}):(\d\d)(?:[.,](\d+))?')  # h:min:s or min:s
@@ -69,8 +99,8 @@ def is_time(name: str) -> tuple[int, str]:
 
 
 def stamps_of(cells: Sequence[str], unit: str, place: str, remedy: str, number: Callable[[str], float]) -> Stamps:
-    """The instants of a column. unit: as told, '' where it is not. number: a cell as a number, NaN where it is none. Raises BagError that
-    names the place."""
+    """The instants of a column. unit: as told, '' where it is not. number: a cell as a number, NaN where it is none.
+    Raises BagError that names the place."""
     values = np.array([number(cell) for cell in cells])
     known = np.isfinite(values)
     if known.sum() >= NUMBERS_LEAST * len(cells):
@@ -88,12 +118,17 @@ def _counted(cells: Sequence[str], values: np.ndarray, known: np.ndarray, unit: 
     factor = UNITS_NS[wanted]
     latest = float(np.abs(numbers).max()) * factor * 1e-9
     if latest >= LATEST:
-        raise BagError(f'{place}: a time of {latest:.6g} s is too large to be one in {wanted}; it must be below {LATEST:.6g} s: {remedy}')
+        raise BagError(
+            f'{place}: a time of {latest:.6g} s is too large to be one in {wanted}; it must be below {LATEST:.6g} s: '
+            f'{remedy}'
+        )
     time_ns = np.zeros(values.size, np.int64)
     if latest < 2.0**53 * 1e-9:  # a float holds nanoseconds up to a hundred days
         time_ns[known] = np.round(numbers * factor)
     else:
-        time_ns[known] = [round(Decimal(cells[k].strip().replace(',', '.')) * factor) for k in np.flatnonzero(known).tolist()]
+        time_ns[known] = [
+            round(Decimal(cells[k].strip().replace(',', '.')) * factor) for k in np.flatnonzero(known).tolist()
+        ]
     return Stamps(time_ns, known)
 
 
@@ -109,7 +144,9 @@ def _guessed(numbers: np.ndarray, place: str, remedy: str) -> str:
         ):
             return unit
     if rising.size and not INTERVAL_S[0] <= interval < INTERVAL_S[1]:
-        raise BagError(f'{place} has no unit, and {interval:.6g} from row to row may be seconds, milliseconds or else: {remedy}')
+        raise BagError(
+            f'{place} has no unit, and {interval:.6g} from row to row may be seconds, milliseconds or else: {remedy}'
+        )
     return 's'
 
 
@@ -126,7 +163,9 @@ def _dated(cells: Sequence[str], place: str, remedy: str) -> Stamps:
         rows = np.flatnonzero(known)
         back = np.cumsum(np.diff(time_ns[rows]) < -DAY_NS // 2)
         time_ns[rows[1:]] += back * DAY_NS
-        return Stamps(time_ns, known, 'the times of day pass midnight: a day is added there' if back.size and back[-1] else '')
+        return Stamps(
+            time_ns, known, 'the times of day pass midnight: a day is added there' if back.size and back[-1] else ''
+        )
     if 'clock' in zones:
         raise BagError(f'{place}: some rows have a date and some have none: {remedy}')
     if len({*zones}) > 1 and '' in zones:
@@ -159,12 +198,14 @@ def _of_day(hours: str | None, minutes: str | None, seconds: str | None, part: s
 
 
 def rising(time_ns: np.ndarray) -> np.ndarray:
-    """The rows to keep so that the instants rise, as many as can be (a longest increasing subsequence, patience sorting), and of those that
-    could replace each other the first ones: of a stamp that leaps ahead and comes back only that one is lost."""
+    """The rows to keep so that the instants rise, as many as can be (a longest increasing subsequence, patience
+    sorting), and of those that could replace each other the first ones: of a stamp that leaps ahead and comes back only
+    that one is lost."""
     if time_ns.size < 2 or np.all(np.diff(time_ns) > 0):
         return np.arange(time_ns.size)
     least: list[int] = []  # the smallest end of a rising series of every length
-    ends: list[list[int]] = []  # length -> rows that end the longest series before them, and the same times negated, ascending
+    # length -> rows that end the longest series before them, and the same times negated, ascending
+    ends: list[list[int]] = []
     times: list[list[int]] = []
     for k, t in enumerate(time_ns.tolist()):
         at = bisect_left(least, t)
@@ -183,7 +224,8 @@ def rising(time_ns: np.ndarray) -> np.ndarray:
 
 
 def parted(whole: Stamps, part: Stamps) -> Stamps | None:
-    """Whole seconds and what is to be added to them, as the two fields of a ROS stamp; None where the columns are not that."""
+    """Whole seconds and what is to be added to them, as the two fields of a ROS stamp; None where the columns are not
+    that."""
     known = whole.known & part.known
     seconds, rest = whole.time_ns[known], part.time_ns[known]
     if not known.any() or np.any(seconds % SECOND_NS) or np.any((rest < 0) | (rest >= SECOND_NS)):

@@ -1,4 +1,5 @@
-"""Tables of loggers as text: any header, separator and way to write time become columns; what is dropped is counted and told."""
+"""Tables of loggers as text: any header, separator and way to write time become columns; what is dropped is counted and
+told."""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ class Table:
 
 
 def read_table(file: Path, topic: str = '', time: TimeColumn | None = None) -> Table:
-    """A text as a table. topic: stands in front of the names of its columns. time: the column of time; found by its name without.
+    """A text as a table. topic: stands in front of the names of its columns. time: the column of time; found by its
+    name without.
 
     Raises BagError (file, line, remedy).
     """
@@ -58,7 +60,10 @@ def read_table(file: Path, topic: str = '', time: TimeColumn | None = None) -> T
     at, stamps = _time(file, names, units, columns, number, time, table)
     unread = [*found.unread, *(found.lines[k] for k in np.flatnonzero(~stamps.known).tolist())]
     if unread:
-        table.told.append(f'{_counted(len(unread), len(found.rows) + len(found.unread), "row")} cannot be read ({_lines(sorted(unread))})')
+        table.told.append(
+            f'{_counted(len(unread), len(found.rows) + len(found.unread), "row")} cannot be read '
+            f'({_lines(sorted(unread))})'
+        )
     rows = np.flatnonzero(stamps.known)
     rows = rows[_rising(stamps.time_ns[rows], [found.lines[k] for k in rows.tolist()], file, names[at], table)]
     prefix = topic and topic + '/'
@@ -122,19 +127,26 @@ def _time(
     """Which column tells the time, and its instants. Raises BagError."""
 
     def stamps(k: int, unit: str) -> Stamps:
-        remedy = f"say it as '{names[k]} [ms]' in the header, or as time: {{column: {names[k]!r}, unit: ms}} in a mapping file"
+        remedy = (
+            f"say it as '{names[k]} [ms]' in the header, or as time: {{column: {names[k]!r}, unit: ms}} in a "
+            'mapping file'
+        )
         return stamps_of(_with_dates(names, columns, k), unit, f'{file}: the column {names[k]!r}', remedy, number)
 
     if given is not None:
         if given.column not in names:
-            raise BagError(f'{file}: the mapping takes the time from {given.column!r}, which is no column{suggestion(given.column, names)}')
+            raise BagError(
+                f'{file}: the mapping takes the time from {given.column!r}, which is no '
+                f'column{suggestion(given.column, names)}'
+            )
         k = names.index(given.column)
         return k, stamps(k, given.unit or units[k] or is_time(names[k])[1])
     sure = {k: is_time(name) for k, name in enumerate(names)}
     candidates = [k for k, (how, _) in sure.items() if how]
     if not candidates:
         raise BagError(
-            f"{file}: no column is named as one of time ({', '.join(names[:NAMED])} ...); call it 'time [s]', or say which one it is in a "
+            f"{file}: no column is named as one of time ({', '.join(names[:NAMED])} ...); call it 'time [s]', or say "
+            'which one it is in a '
             f'mapping file: time: {{column: {names[0]!r}, unit: s}}'
         )
     tried: dict[int, tuple[bool, Stamps]] = {}
@@ -150,7 +162,14 @@ def _time(
     if not tried:
         raise refused[0]
     for k in tried:
-        pair = next((i for i in tried if i != k and words(names[i])[:-1] == words(names[k])[:-1] and sure[k][1] == 's' != sure[i][1]), None)
+        pair = next(
+            (
+                i
+                for i in tried
+                if i != k and words(names[i])[:-1] == words(names[k])[:-1] and sure[k][1] == 's' != sure[i][1]
+            ),
+            None,
+        )
         both = parted(tried[k][1], tried[pair][1]) if pair is not None else None
         if both is not None:
             return k, both
@@ -159,7 +178,9 @@ def _time(
     if others:
         worse = [n for n in others if not tried.get(names.index(n), (True,))[0]]
         why = f' ({worse[0]!r} stands still or goes back)' if worse else ''
-        table.told.append(f'the time is the column {names[best]!r}; {", ".join(map(repr, others[:NAMED]))} would be another{why}')
+        table.told.append(
+            f'the time is the column {names[best]!r}; {", ".join(map(repr, others[:NAMED]))} would be another{why}'
+        )
     if tried[best][1].told:
         table.told.append(f'{names[best]}: {tried[best][1].told}')
     return best, tried[best][1]
@@ -182,17 +203,25 @@ def _rising(time_ns: np.ndarray, lines: Sequence[int], file: Path, name: str, ta
         return kept
     if kept.size < LEAST_SHARE * time_ns.size:
         raise BagError(
-            f'{file}: the times in {name!r} stand still or go back in {lost.size} of {time_ns.size} rows (the first in line '
-            f'{lines[int(lost[0])]}); say in a mapping file which column tells the time: time: {{column: NAME, unit: s}}'
+            f'{file}: the times in {name!r} stand still or go back in {lost.size} of {time_ns.size} rows (the first in '
+            'line '
+            f'{lines[int(lost[0])]}); say in a mapping file which column tells the time: time: {{column: NAME, unit: '
+            f's}}'
         )
     same = np.isin(time_ns[lost], time_ns[kept])
-    parts = [f'{int(n)} {text}' for n, text in ((same.sum(), 'repeat a stamp'), ((~same).sum(), 'are out of order')) if n]
+    parts = [
+        f'{int(n)} {text}' for n, text in ((same.sum(), 'repeat a stamp'), ((~same).sum(), 'are out of order')) if n
+    ]
     where = _lines([lines[k] for k in lost.tolist()])
-    table.told.append(f'{_counted(lost.size, time_ns.size, "row")} are dropped: {" and ".join(parts)} of {name} ({where})')
+    table.told.append(
+        f'{_counted(lost.size, time_ns.size, "row")} are dropped: {" and ".join(parts)} of {name} ({where})'
+    )
     return kept
 
 
-def _column(cells: Sequence[str], number: Callable[[str], float], lines: Sequence[int]) -> tuple[np.ndarray | None, np.ndarray, str]:
+def _column(
+    cells: Sequence[str], number: Callable[[str], float], lines: Sequence[int]
+) -> tuple[np.ndarray | None, np.ndarray, str]:
     """(values, which cells are empty, what is no number), or None and why the column holds none."""
     try:
         if number is plain and '_' not in ''.join(cells):
@@ -202,7 +231,9 @@ def _column(cells: Sequence[str], number: Callable[[str], float], lines: Sequenc
     values = np.array([number(cell) for cell in cells])
     empty = np.array([not cell for cell in cells])
     bad = [
-        k for k in np.flatnonzero(~np.isfinite(values) & ~empty).tolist() if cells[k].lower().lstrip('+-') not in ('nan', 'inf', 'infinity')
+        k
+        for k in np.flatnonzero(~np.isfinite(values) & ~empty).tolist()
+        if cells[k].lower().lstrip('+-') not in ('nan', 'inf', 'infinity')
     ]
     if empty.all():
         return None, empty, 'it is empty'

@@ -26,9 +26,9 @@ FLOOR = 1e-6
 class Tolerance:
     """Limits of one channel; what is None is not judged.
 
-    The largest difference may be atol (in the unit of the channel) + rtol * scale, the scale being the largest value of the reference. rms
-    and peak: limits of the RMS difference and of the difference of the peaks, relative to the scale. shift: largest time shift [s].
-    rating: least rating after ISO/TS 18571.
+    The largest difference may be atol (in the unit of the channel) + rtol * scale, the scale being the largest value of
+    the reference. rms and peak: limits of the RMS difference and of the difference of the peaks, relative to the scale.
+    shift: largest time shift [s]. rating: least rating after ISO/TS 18571.
     """
 
     rtol: float = 1e-6
@@ -49,8 +49,8 @@ class Tolerance:
 class Tolerances:
     """All limits. tolerances: pattern of channels -> limits; others have `default`.
 
-    floor: the scale of a channel is at least this part of the largest one among the channels of the same kind (topic and unit): what is
-    zero but for rounding is not judged relative to itself.
+    floor: the scale of a channel is at least this part of the largest one among the channels of the same kind (topic
+    and unit): what is zero but for rounding is not judged relative to itself.
     """
 
     tolerances: dict[str, Tolerance] = field(default_factory=dict)

@@ -11,7 +11,8 @@ from solver.compiled.kernel import kernel
 def warped(a, b, band):
     """Sum of |a - b| and of |b| over the pairs of the warping path with the least sum of (a - b)^2 and |i - j| < band.
 
-    Nothing beyond what the diagonal costs is followed: no part of the cheapest path costs more than all of it [Silva2016].
+    Nothing beyond what the diagonal costs is followed: no part of the cheapest path costs more than all of it
+    [Silva2016].
     """
     n = a.size
     width = 2 * band - 1

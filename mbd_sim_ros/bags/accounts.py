@@ -7,22 +7,25 @@ from typing import Literal
 
 import numpy as np
 
-SET_BACK = 1_000_000_000  # ns by which messages on their way overtake each other at most: more is a clock that was set back
+# ns by which messages on their way overtake each other at most: more is a clock that was set back
+SET_BACK = 1_000_000_000
 LEAST_BACK = 3  # steps back in time: so many are no clock that was set back; 30 would miss that in short recordings
-SHUFFLED = 3  # messages per step back at most where a file is in no order; 30 would take a clock that is set back often for that
+# messages per step back at most where a file is in no order; 30 would take a clock that is set back often for that
+SHUFFLED = 3
 Clock = Literal['log time', 'publish time', 'header stamp']
 CLOCKS: tuple[Clock, ...] = ('log time', 'publish time', 'header stamp')
-LOG, PUBLISH, HEADER, NAMES = range(4)  # rows of a table of stamps: three clocks [ns], and which set of columns a message has
+# rows of a table of stamps: three clocks [ns], and which set of columns a message has
+LOG, PUBLISH, HEADER, NAMES = range(4)
 
 
 @dataclass(frozen=True)
 class Account:
     """Account of the messages of a topic: messages = rows + equal + beside.
 
-    equal: left out, because a later message has the same time and the same columns; twice: of these, those with the same values too, so
-    that nothing is lost. beside: in the row of another message, of other columns. disordered: recorded behind one with a later time, and
-    put in order. holes: column -> values that are no number. clock: which time counts. misaligned: see cdr.decode_first. span: first and
-    last of it [ns]; log: first and last log time [ns].
+    equal: left out, because a later message has the same time and the same columns; twice: of these, those with the
+    same values too, so that nothing is lost. beside: in the row of another message, of other columns. disordered:
+    recorded behind one with a later time, and put in order. holes: column -> values that are no number. clock: which
+    time counts. misaligned: see cdr.decode_first. span: first and last of it [ns]; log: first and last log time [ns].
     """
 
     messages: int
@@ -62,7 +65,11 @@ class Account:
             found.append(
                 f'{self.equal} of {self.messages} messages are left out, because a later one has the same {self.clock}'
                 + (f' ({self.twice} of them the same values too); ' if self.twice else '; ')
-                + ('its clock is too coarse, or has several publishers' if self.clock != 'log time' else 'they were recorded in bursts')
+                + (
+                    'its clock is too coarse, or has several publishers'
+                    if self.clock != 'log time'
+                    else 'they were recorded in bursts'
+                )
             )
         if self.disordered:
             late = f'{self.disordered} of {self.messages} messages were'
@@ -77,7 +84,10 @@ class Account:
         """Sentences on messages that were left out or put in another order without a loss."""
         if not self.twice or self.twice < self.equal:
             return []
-        return [f'{self.twice} of {self.messages} messages are left out, which were recorded twice: the same {self.clock}, the same values']
+        return [
+            f'{self.twice} of {self.messages} messages are left out, which were recorded twice: the same {self.clock}, '
+            'the same values'
+        ]
 
 
 def shuffled(log_times: np.ndarray) -> bool:

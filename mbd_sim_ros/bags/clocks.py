@@ -16,7 +16,8 @@ from mbd_sim_ros.bags.accounts import CLOCKS, HEADER, LOG, PUBLISH, Account, Clo
 from mbd_sim_ros.bags.columns import Collector
 
 SLACK = 1_000_000_000  # ns that topics of one clock may miss each other by, for a message is on its way meanwhile
-EPOCH_NS = 100_000_000 * 1_000_000_000  # times from here on are those of day (ns since 1970); no simulation lasts three years
+# times from here on are those of day (ns since 1970); no simulation lasts three years
+EPOCH_NS = 100_000_000 * 1_000_000_000
 SHOWN = 4  # topics of one clock that are named
 Span = tuple[int, int]
 
@@ -34,7 +35,11 @@ def choose(collectors: Sequence[Collector], log_times: bool) -> list[Clock]:
             chosen[k] = CLOCKS[HEADER]
         elif (published := _span(times[PUBLISH], 1)) is not None:
             recorded = int(times[LOG].min()), int(times[LOG].max())
-            apart = stamped and not any(_meet(published, span) for span in stamped) and any(_meet(recorded, span) for span in stamped)
+            apart = (
+                stamped
+                and not any(_meet(published, span) for span in stamped)
+                and any(_meet(recorded, span) for span in stamped)
+            )
             chosen[k] = CLOCKS[LOG if apart else PUBLISH]
     return chosen
 
@@ -59,7 +64,8 @@ def apart(accounts: Mapping[str, Account]) -> str:
 
 
 def in_time_of_day(accounts: Mapping[str, Account]) -> frozenset[str]:
-    """Topics in the time of day, where others count from a start, as a simulation does: of two runs they share no time."""
+    """Topics in the time of day, where others count from a start, as a simulation does: of two runs they share no
+    time."""
     groups = _groups(accounts)
     of_day = [group for group in groups if min(one.span[0] for one in group.values()) >= EPOCH_NS]
     return frozenset(name for group in of_day for name in group) if len(of_day) < len(groups) else frozenset()
@@ -68,9 +74,9 @@ def in_time_of_day(accounts: Mapping[str, Account]) -> frozenset[str]:
 def _groups(accounts: Mapping[str, Account]) -> list[dict[str, Account]]:
     """The topics of each clock.
 
-    Topics that were recorded at the same time and are further apart than either of them lasts have different clocks. So have topics whose
-    stamps are later than their recording, as no message can be, from others, whose are not.
-    Single messages tell nothing: one that is kept for late subscribers may be old.
+    Topics that were recorded at the same time and are further apart than either of them lasts have different clocks. So
+    have topics whose stamps are later than their recording, as no message can be, from others, whose are not. Single
+    messages tell nothing: one that is kept for late subscribers may be old.
     """
     groups: list[dict[str, Account]] = []
     for name, one in sorted(accounts.items(), key=lambda item: item[1].span):
@@ -88,8 +94,11 @@ def _groups(accounts: Mapping[str, Account]) -> list[dict[str, Account]]:
 
 
 def _parted(group: dict[str, Account]) -> list[dict[str, Account]]:
-    """Topics of a group that are stamped later than they were recorded, by more than SLACK from begin to end, and the others."""
-    ahead = {name: one for name, one in group.items() if all(stamp - log > SLACK for stamp, log in zip(one.span, one.log))}
+    """Topics of a group that are stamped later than they were recorded, by more than SLACK from begin to end, and the
+    others."""
+    ahead = {
+        name: one for name, one in group.items() if all(stamp - log > SLACK for stamp, log in zip(one.span, one.log))
+    }
     others = {name: one for name, one in group.items() if name not in ahead}
     return [part for part in (others, ahead) if part]
 

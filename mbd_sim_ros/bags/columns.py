@@ -32,7 +32,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from mcap.records import Schema
 
-from mbd_sim_ros.bags.accounts import CLOCKS, HEADER, LOG, NAMES, PUBLISH, SET_BACK, Account, Clock, alike, shuffled, went_back
+from mbd_sim_ros.bags.accounts import (
+    CLOCKS,
+    HEADER,
+    LOG,
+    NAMES,
+    PUBLISH,
+    SET_BACK,
+    Account,
+    Clock,
+    alike,
+    shuffled,
+    went_back,
+)
 from mbd_sim_ros.bags.named import COLUMNS_MAX, TEXT, Pick, is_plain, named
 from mbd_sim_ros.bags.records import Messages, instants
 from mbd_sim_ros.messages import cdr
@@ -117,7 +129,9 @@ class Collector:
     that is not known. problem: why the topic cannot be read, '' while it can.
     """
 
-    def __init__(self, topic: str, name: str, schema: Schema, wanted: Callable[[str], bool], room: Room, asked: bool = True) -> None:
+    def __init__(
+        self, topic: str, name: str, schema: Schema, wanted: Callable[[str], bool], room: Room, asked: bool = True
+    ) -> None:
         self.topic, self.name, self.type = topic, name, schema.name
         self.expected = 0
         self._room = room
@@ -202,7 +216,9 @@ class Collector:
         last = np.diff(times[order], append=np.iinfo(np.int64).max) != 0  # the last message of those at one time
         nearer = stamps[CLOCKS.index(clock) + 1 : NAMES]  # times by clocks that may differ where this clock does not
         if len(self._sets) > 1:
-            found, table, equal, twice, carried = self._by_names(times[order], nearer[:, order], stamps[NAMES, order], table[:, order])
+            found, table, equal, twice, carried = self._by_names(
+                times[order], nearer[:, order], stamps[NAMES, order], table[:, order]
+            )
         else:
             keep = order[last]
             equal, carried = times.size - keep.size, {}
@@ -320,7 +336,9 @@ class Collector:
                     self._variants.append(_variant(data[left[0]], places, *self._named(value, places)))
                     left = left if self._in_words else self._take(self._variants[-1], data, left, begin)
         except BagError as error:
-            self.problem = str(error) if isinstance(error, _Changing) else f'one of its messages cannot be read: {error}'
+            self.problem = (
+                str(error) if isinstance(error, _Changing) else f'one of its messages cannot be read: {error}'
+            )
         self._count = end
         self._data, self._times, self._bytes = [], [], 0
 
@@ -400,7 +418,9 @@ def _variant(data: bytes, places: dict[str, cdr.Place], rows: list[int], picks: 
         which.append(pick.place)
         into.append(at)
     chosen = [(path, _slice(which), _slice(into)) for path, (which, into) in parts.items() if which != [TEXT]]
-    return _Variant(np.frombuffer(data, np.uint8), list(zip(edges[::2].tolist(), edges[1::2].tolist())), places, chosen, number)
+    return _Variant(
+        np.frombuffer(data, np.uint8), list(zip(edges[::2].tolist(), edges[1::2].tolist())), places, chosen, number
+    )
 
 
 def _slice(numbers: list[int]) -> slice | list[int]:
@@ -443,5 +463,8 @@ def _holes(table: np.ndarray, columns: dict[str, np.ndarray], carried: dict[str,
     with np.errstate(over='ignore', invalid='ignore'):
         if np.isfinite(np.add.reduce(table, axis=None)):
             return {}
-    found = {name: carried.get(name, values.size) - int(np.count_nonzero(np.isfinite(values))) for name, values in columns.items()}
+    found = {
+        name: carried.get(name, values.size) - int(np.count_nonzero(np.isfinite(values)))
+        for name, values in columns.items()
+    }
     return {name: count for name, count in found.items() if count > 0}

@@ -1,8 +1,9 @@
 """Deliveries through the pipe between a simulation (recorder.py) and the process that writes its recording
 (process.py).
 
-Every delivery is the size of a marshalled value and of what follows it, the value, and that. Values are the start (directory, topics,
-metadata), then lists of steps, each its time and the sizes of its messages (-1: none), which follow, then the result, a dict.
+Every delivery is the size of a marshalled value and of what follows it, the value, and that. Values are the start
+(directory, topics, metadata), then lists of steps, each its time and the sizes of its messages (-1: none), which
+follow, then the result, a dict.
 """
 
 from __future__ import annotations
@@ -15,17 +16,19 @@ from io import RawIOBase
 from typing import Any
 
 SIZES = struct.Struct('<QQ')  # before every delivery: bytes of its marshalled value, and of what follows that
-PIECE = 1 << 15  # bytes that one call of the system writes or reads, about: while it copies, nothing else runs on that processor
+# bytes that one call of the system writes or reads, about: while it copies, nothing else runs on that processor
+PIECE = 1 << 15
 BUFFERS = 1000  # that one call takes, at most
 
 Step = tuple[int, Sequence[bytes | None]]  # time [ns], one message per topic or None
 
 
 def deliver(pipe: int, content: Any, messages: Sequence[bytes] = ()) -> None:
-    """Send a value and what follows it; while the pipe is full this waits, without the interpreter lock. Raises OSError.
+    """Send a value and what follows it; while the pipe is full this waits, without the interpreter lock. Raises
+    OSError.
 
-    Messages go from where they are, in pieces: half a megabyte at once, or copied into one block first, is 2 ms in the system now and
-    then in which the simulation cannot run.
+    Messages go from where they are, in pieces: half a megabyte at once, or copied into one block first, is 2 ms in the
+    system now and then in which the simulation cannot run.
     """
     data = marshal.dumps(content)
     waiting = [SIZES.pack(len(data), sum(map(len, messages))), data]
@@ -79,7 +82,8 @@ def _read(stream: RawIOBase, size: int) -> bytearray | None:
 
 
 def steps_of(heads: list[tuple[int, list[int]]], data: bytearray) -> Iterator[tuple[int, list[tuple[int, bytes]]]]:
-    """(time [ns], (place, message) of each) of steps, given their times with the sizes of their messages, which stand in data."""
+    """(time [ns], (place, message) of each) of steps, given their times with the sizes of their messages, which stand
+    in data."""
     begin = 0
     for t_ns, sizes in heads:
         messages = []

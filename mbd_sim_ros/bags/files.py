@@ -114,7 +114,8 @@ def _of_rosbag2(path: Path) -> list[Path]:
         raise BagError(f'cannot read {str(path)!r}: {getattr(error, "strerror", None) or error}') from None
     if len(found) > 1 and kind == '.mcap' + PACKED:
         raise BagError(
-            f'{path} holds {len(found)} packed .mcap files; name one of them, or unpack them (zstd -d) and join them: mbd recover'
+            f'{path} holds {len(found)} packed .mcap files; name one of them, or unpack them (zstd -d) and join them: '
+            'mbd recover'
         )
     return found
 
@@ -156,12 +157,15 @@ def readable(channel: Channel, schema: Schema | None) -> tuple[Schema | None, st
     if schema.encoding == 'ros2idl':
         return rosbag2.from_idl(schema)
     return (
-        (schema, '') if schema.encoding == 'ros2msg' else (None, f'its type is defined in {schema.encoding!r}, not in ros2msg or ros2idl')
+        (schema, '')
+        if schema.encoding == 'ros2msg'
+        else (None, f'its type is defined in {schema.encoding!r}, not in ros2msg or ros2idl')
     )
 
 
 def find_file(path: str | Path) -> Path:
-    """Return the MCAP file of a bag directory (or `path` itself, if it is a file). Raises BagError if there is none, or several."""
+    """Return the MCAP file of a bag directory (or `path` itself, if it is a file). Raises BagError if there is none, or
+    several."""
     found = find_files(path)
     if len(found) > 1:
         joined = f'if they are the parts of one recording, `mbd recover {path} NEW` makes one file of them'
@@ -170,8 +174,8 @@ def find_file(path: str | Path) -> Path:
 
 
 def find_files(path: str | Path, *, unfinished: bool = False) -> list[Path]:
-    """Return the MCAP files of a bag directory (or `path` itself, if it is a file), those of a recording that was split in their order;
-    `unfinished` admits `.part` files where there are no others.
+    """Return the MCAP files of a bag directory (or `path` itself, if it is a file), those of a recording that was split
+    in their order; `unfinished` admits `.part` files where there are no others.
 
     Raises BagError if there is none.
     """
@@ -193,7 +197,10 @@ def find_files(path: str | Path, *, unfinished: bool = False) -> list[Path]:
         found = parts
     if not found:
         if parts:
-            raise BagError(f'{path} was not finished: the recording process died; `mbd recover {path} NEW` saves every complete chunk')
+            raise BagError(
+                f'{path} was not finished: the recording process died; `mbd recover {path} NEW` saves every complete '
+                'chunk'
+            )
         if packed := _of_rosbag2(path):
             raise _packed(packed[0])
         raise BagError(f'{path} is not a recording: it holds no .mcap file, and no .db3 file')
@@ -203,8 +210,13 @@ def find_files(path: str | Path, *, unfinished: bool = False) -> list[Path]:
 def _packed(path: Path) -> BagError:
     """For those that take MCAP files alone."""
     if rosbag2.SUFFIX in path.suffixes:
-        return BagError(f'{path} is a database of ros2 bag (SQLite), and recovered are MCAP files alone; {rosbag2.salvage(path)}')
-    return BagError(f'{path} is packed as a whole (compression mode FILE of ros2 bag); unpack it: zstd -d {path} -o {path.with_suffix("")}')
+        return BagError(
+            f'{path} is a database of ros2 bag (SQLite), and recovered are MCAP files alone; {rosbag2.salvage(path)}'
+        )
+    return BagError(
+        f'{path} is packed as a whole (compression mode FILE of ros2 bag); unpack it: zstd -d {path} -o '
+        f'{path.with_suffix("")}'
+    )
 
 
 def _numbered(path: Path) -> list[tuple[int, str]]:

@@ -1,4 +1,5 @@
-"""Recordings as what was applied and what came of it: the inputs of every step, and the messages of every topic as they are.
+"""Recordings as what was applied and what came of it: the inputs of every step, and the messages of every topic as they
+are.
 
 For replays (mbd replay) and for the maneuver of a scene that takes its inputs from a recording.
 """
@@ -44,7 +45,8 @@ class Content(NamedTuple):
     further: Mapping[str, list[tuple[int, bytes]]] = MappingProxyType(
         {}
     )  # topic -> (instant, message) where the instant has another one before
-    published: bool = False  # a recording of topics (bags/published.py): instants are stamps, and any message may be missing
+    # a recording of topics (bags/published.py): instants are stamps, and any message may be missing
+    published: bool = False
 
     @property
     def outputs(self) -> dict[str, dict[int, bytes]]:
@@ -53,7 +55,8 @@ class Content(NamedTuple):
 
     @property
     def state(self) -> bytes | None:
-        """The state it begins with, where that is not the start of its scene. Raises BagError for one of another version."""
+        """The state it begins with, where that is not the start of its scene. Raises BagError for one of another
+        version."""
         text = self.metadata.get('start_state', '')
         if not text:
             return None
@@ -92,7 +95,9 @@ class Content(NamedTuple):
         """An entry of the metadata that is a number of steps; 0 without it. Raises BagError."""
         text = self.metadata.get(key, '') or '0'
         if not (text.isascii() and text.isdigit() and len(text) < 16):
-            raise BagError(f'{self.path} is damaged: its metadata say {key} = {text[:40]!r}, which is not a number of steps')
+            raise BagError(
+                f'{self.path} is damaged: its metadata say {key} = {text[:40]!r}, which is not a number of steps'
+            )
         return int(text)
 
     def _mapping(self, key: str) -> dict[str, Any]:
@@ -124,7 +129,8 @@ class Inputs(NamedTuple):
 
 
 def content(path: str | Path) -> Content:
-    """Read a whole recording, of this package or of the topics of the node. Raises BagError if it is none, or was cut off."""
+    """Read a whole recording, of this package or of the topics of the node. Raises BagError if it is none, or was cut
+    off."""
     path = Path(path)
     names: dict[int, str] = {}
     kinds: dict[int, str] = {}
@@ -148,7 +154,9 @@ def content(path: str | Path) -> Content:
     about = {**metadata.get(RECORD, {}), **metadata.get(RESULT, {})}
     said = None if RECORD in metadata else published.told(path)
     namespace = (about.get('namespace', '') if said is None else said.namespace).strip('/')
-    own = {channel: name.strip('/').removeprefix(namespace + '/' if namespace else '') for channel, name in names.items()}
+    own = {
+        channel: name.strip('/').removeprefix(namespace + '/' if namespace else '') for channel, name in names.items()
+    }
     topics: dict[str, dict[int, bytes]] = {}
     further: dict[str, list[tuple[int, bytes]]] = {}
     for channel, messages in found.items():
@@ -165,7 +173,9 @@ def content(path: str | Path) -> Content:
         return _of_topics(path, topics, further, said)
     for topic, messages in further.items():
         if other := next((t_ns for t_ns, data in messages if topics[topic][t_ns] != data), None):
-            raise BagError(f'{path} is damaged: it holds two different messages of topic {topic} at {other * 1e-9:.9g} s')
+            raise BagError(
+                f'{path} is damaged: it holds two different messages of topic {topic} at {other * 1e-9:.9g} s'
+            )
     return Content(path, topics, about)
 
 
@@ -177,10 +187,14 @@ def _of_topics(
     steps: list[int] = []
     if first:
         messages = [*first.items(), *repeated]
-        steps = _applied(dict(enumerate(data for _, data in messages)), path, ordered=False)[1][:, -1].astype(int).tolist()
+        steps = (
+            _applied(dict(enumerate(data for _, data in messages)), path, ordered=False)[1][:, -1].astype(int).tolist()
+        )
         end, last = max((t_ns, k) for (t_ns, _), k in zip(messages, steps))
         if any(t_ns * last != k * end or (k and not t_ns) for (t_ns, _), k in zip(messages, steps)):
-            raise BagError(f'{path}: the stamps of {APPLIED} do not follow its steps, so it is not that of this simulator')
+            raise BagError(
+                f'{path}: the stamps of {APPLIED} do not follow its steps, so it is not that of this simulator'
+            )
         steps = steps[: len(first)]
         back = [f'from step {a} to step {b}' for a, b in pairwise(steps) if b <= a]
         back += [f'to {t_ns * 1e-9:.9g} s' for t_ns, data in repeated if first[t_ns] != data]
@@ -228,14 +242,18 @@ def inputs_of(recording: Content) -> Inputs:
         lacking = first + 1 + int(follows[0] if follows.size else steps.size)
         count = last - first - steps.size
         why = f': {published.gaps(steps.tolist())}' if recording.published else ''
-        raise BagError(f'{where} cannot be replayed: it does not hold the inputs of step {lacking} ({count} steps are missing){why}')
+        raise BagError(
+            f'{where} cannot be replayed: it does not hold the inputs of step {lacking} ({count} steps are '
+            f'missing){why}'
+        )
     rows = {name: np.ascontiguousarray(every[:, 1 + i]) for i, name in enumerate(names)}
     h_ns = max(messages) // last if last else 0
     return Inputs(first, last, rows, start, h_ns, from_start)
 
 
 def _applied(messages: Mapping[int, bytes], where: Path, *, ordered: bool = True) -> tuple[list[str], np.ndarray]:
-    """Names of the inputs, and a table (n, nu + 1) of them and the index of the step, in the order of the steps (ordered) or messages."""
+    """Names of the inputs, and a table (n, nu + 1) of them and the index of the step, in the order of the steps
+    (ordered) or messages."""
     data = list(messages.values())
     value, places = decode(JOINT_STATE, schema_text(JOINT_STATE), data[0])
     place = places['position']
@@ -243,7 +261,10 @@ def _applied(messages: Mapping[int, bytes], where: Path, *, ordered: bool = True
     if names[-1:] != ['step'] or place.size != len(names) or any(len(one) != len(data[0]) for one in data):
         raise BagError(f'{where}: the topic {APPLIED} is not that of this simulator')
     table = np.stack([np.frombuffer(one, dtype(place), place.size, place.offset) for one in data])
-    if not (np.isfinite(table).all() and np.all((table[:, -1] >= 0.0) & (table[:, -1] < MOST_STEPS) & (table[:, -1] % 1.0 == 0.0))):
+    if not (
+        np.isfinite(table).all()
+        and np.all((table[:, -1] >= 0.0) & (table[:, -1] < MOST_STEPS) & (table[:, -1] % 1.0 == 0.0))
+    ):
         raise BagError(f'{where}: the topic {APPLIED} holds what is no input or no number of a step')
     return names[:-1], table[np.argsort(table[:, -1], kind='stable')] if ordered else table
 
@@ -274,7 +295,9 @@ def recorded_inputs(path: str, channels: Mapping[str, BagChannel], log_times: bo
     tracks = {}
     for name, channel in channels.items():
         if all(channel.channel not in one.columns for one in run.series.values()):
-            raise BagError(f'maneuver: map: {name}: {path} has no channel {channel.channel!r}{run.instead_of(channel.channel)}')
+            raise BagError(
+                f'maneuver: map: {name}: {path} has no channel {channel.channel!r}{run.instead_of(channel.channel)}'
+            )
         series = next(one for one in run.series.values() if channel.channel in one.columns)
         values = series.columns[channel.channel]
         at = np.isfinite(values)

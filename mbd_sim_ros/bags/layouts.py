@@ -1,7 +1,7 @@
 """Layouts that chunks of one recording have in common: the same messages in every step, of the same sizes.
 
-A chunk that is like one before it, in everything but its times and data, is taken apart by one call of `struct` instead of message by
-message. The heads of all its records are compared with those that are known, so nothing is assumed of it.
+A chunk that is like one before it, in everything but its times and data, is taken apart by one call of `struct` instead
+of message by message. The heads of all its records are compared with those that are known, so nothing is assumed of it.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class Layout(NamedTuple):
     counts: tuple[tuple[int, int], ...]  # channel and messages of it
 
     def messages(self, body: bytes) -> list[tuple[int, Sequence[bytes], Sequence[bytes]]] | None:
-        """Channel, times (log and publish time as they lie in the file) and data of the messages in a chunk that are not passed over; None
-        if it has another layout."""
+        """Channel, times (log and publish time as they lie in the file) and data of the messages in a chunk that are
+        not passed over; None if it has another layout."""
         parts = self.parts.unpack(body)
         if parts[::_PARTS] != self.heads:
             return None
@@ -51,7 +51,8 @@ class Layouts:
         self._left = LAYOUTS_MOST
 
     def find(self, size: int, skip: Collection[int]) -> Layout | None:
-        """The layout that chunks of this size had. skip: channels whose data are not wanted; it may grow from call to call."""
+        """The layout that chunks of this size had. skip: channels whose data are not wanted; it may grow from call to
+        call."""
         if len(skip) != self._passed_over:
             self._known.clear()
             self._passed_over = len(skip)
@@ -73,9 +74,16 @@ class Layouts:
             sizes.append(length - _FIXED)
             at += _PLAIN + length
         step = next((k for k in range(1, len(channels)) if channels[k] == channels[0]), len(channels))
-        if at < len(body) or len(channels) % step or channels != channels[:step] * (len(channels) // step) or len(set(channels)) < step:
+        if (
+            at < len(body)
+            or len(channels) % step
+            or channels != channels[:step] * (len(channels) // step)
+            or len(set(channels)) < step
+        ):
             return
         skipped = frozenset(channel for channel in channels if channel in skip)
         data = [f'0s{size}x' if channel in skipped else f'{size}s' for channel, size in zip(channels, sizes)]
         parts = struct.Struct('<' + ''.join(f'{_HEAD.size}s4x16s{one}' for one in data))
-        self._known[len(body)] = Layout(parts, tuple(heads), tuple(channels[:step]), skipped, tuple(Counter(channels).items()))
+        self._known[len(body)] = Layout(
+            parts, tuple(heads), tuple(channels[:step]), skipped, tuple(Counter(channels).items())
+        )

@@ -30,7 +30,11 @@ _BLOCKS = {
         ('pose.pose.position.x', [f'pose/{name}' for name in _XYZ + _QUATERNION]),
         ('twist.twist.linear.x', [f'twist/{name}' for name in _TWIST]),
     ),
-    IMU: (('orientation.x', _QUATERNION), ('angular_velocity.x', _TWIST[3:]), ('linear_acceleration.x', ('ax', 'ay', 'az'))),
+    IMU: (
+        ('orientation.x', _QUATERNION),
+        ('angular_velocity.x', _TWIST[3:]),
+        ('linear_acceleration.x', ('ax', 'ay', 'az')),
+    ),
     WRENCH: (('wrench.force.x', ('fx', 'fy', 'fz', 'mx', 'my', 'mz')),),
 }
 # Columns of one topic at most: a message with more is an image or a point cloud. Ten times as many would keep 0.3 MB of
@@ -60,7 +64,9 @@ class Named(NamedTuple):
     sizes: dict[str, int]
 
 
-def named(topic: str, kind: str, value: dict[str, Any], places: Mapping[str, cdr.Place], plain: bool | None = None) -> Named:
+def named(
+    topic: str, kind: str, value: dict[str, Any], places: Mapping[str, cdr.Place], plain: bool | None = None
+) -> Named:
     """Columns of a decoded message.
 
     kind: message type. value: the decoded message. places: field path -> its bytes. plain: whether a position of a
@@ -100,7 +106,11 @@ def _of_joints(topic: str, names: Any, places: Mapping[str, cdr.Place], plain: b
         if places[part].size != len(names):
             raise BagError(f'a message has {len(names)} names and {places[part].size} values of {part}')
     alone = plain if plain is not None else is_plain(topic, places)
-    return {name if alone and part == PARTS[0] else f'{name}/{part}': Pick(part, i) for part in filled for i, name in enumerate(names)}
+    return {
+        name if alone and part == PARTS[0] else f'{name}/{part}': Pick(part, i)
+        for part in filled
+        for i, name in enumerate(names)
+    }
 
 
 def is_plain(topic: str, places: Mapping[str, cdr.Place]) -> bool:
@@ -157,7 +167,14 @@ def _labels(field: list | np.ndarray, names: Sequence[str]) -> Sequence[str]:
         return names
     if isinstance(field, np.ndarray) or not field:
         return ()
-    key = next((key for key in ITEMS if all(isinstance(item, dict) and isinstance(item.get(key), str) and item[key] for item in field)), '')
+    key = next(
+        (
+            key
+            for key in ITEMS
+            if all(isinstance(item, dict) and isinstance(item.get(key), str) and item[key] for item in field)
+        ),
+        '',
+    )
     return _distinct([item[key] for item in field]) if key else ()
 
 

@@ -10,10 +10,12 @@ from functools import lru_cache
 
 INDEX = re.compile(r'\[(\d+)\]')  # of an item in a list of parts, as in tf/transforms[0]/transform/translation/x
 
-NEAR = 0.72  # likeness of names (difflib, part by part) from which one may be meant by the other; at 0.3 all are like all
+# likeness of names (difflib, part by part) from which one may be meant by the other; at 0.3 all are like all
+NEAR = 0.72
 LEAST = 0.5  # likeness of every part; a part that is another word is no slip of the pen
 SHORTER = 0.9  # factor on the likeness of names of which only the last part, or the topic, is given
-BESIDE = 0.12  # how much less like than the nearest name another one may be that is offered too; at 1 all that are near enough
+# how much less like than the nearest name another one may be that is offered too; at 1 all that are near enough
+BESIDE = 0.12
 OFFERED = 3  # names
 LISTED = 8  # topics that are listed where no name is near
 
@@ -46,7 +48,9 @@ def nearest(wanted: str, known: Sequence[str]) -> str:
             if score >= NEAR and score > scores.get(near, 0.0):
                 scores[near] = score
     best = max(scores.values(), default=0.0)
-    found = sorted((near for near in scores if scores[near] > best - BESIDE), key=lambda near: (-scores[near], near))[:OFFERED]
+    found = sorted((near for near in scores if scores[near] > best - BESIDE), key=lambda near: (-scores[near], near))[
+        :OFFERED
+    ]
     if found:
         return f'; did you mean {" or ".join(filter(None, [", ".join(map(repr, found[:-1])), repr(found[-1])]))}?'
     topics = list(dict.fromkeys(name.split('/')[0] + '/*' if '/' in name else name for name in known))
@@ -73,7 +77,8 @@ def _candidates(parts: Sequence[str], has: Sequence[str]) -> Iterable[tuple[str,
 
 
 def _mended(parts: Sequence[str], has: Sequence[str]) -> tuple[str, float]:
-    """A pattern whose wrong parts are replaced, and its likeness: the mean over the parts, 0 where one is another word."""
+    """A pattern whose wrong parts are replaced, and its likeness: the mean over the parts, 0 where one is another
+    word."""
     right = [fnmatchcase(name, part) for part, name in zip(parts, has)]
     scores = [1.0 if ok else _likeness(part, name) for ok, part, name in zip(right, parts, has)]
     near = '/'.join(part if ok else name for ok, part, name in zip(right, parts, has))

@@ -34,8 +34,9 @@ class Poses:
 
 
 def read_poses(path: str | Path) -> Poses:
-    """The poses in a bag directory or .mcap file, at the instants at which most frames were placed, by the stamps of the
-    transforms where these are set (clocks.py); of several poses of one instant, as a paused node publishes them, the last.
+    """The poses in a bag directory or .mcap file, at the instants at which most frames were placed, by the stamps of
+    the transforms where these are set (clocks.py); of several poses of one instant, as a paused node publishes them,
+    the last.
 
     Raises BagError if it is no recording, holds no transforms, or its stamps go back.
     """
@@ -59,12 +60,15 @@ def read_poses(path: str | Path) -> Poses:
                 found[len(data)].append((log_time, data))
     reading.require_whole()
     if not found:
-        raise BagError(f'{path}: the topic /tf is missing, so nobody knows where the bodies were; record with record.poses above 0')
+        raise BagError(
+            f'{path}: the topic /tf is missing, so nobody knows where the bodies were; record with record.poses above 0'
+        )
     return _poses(path, found[max(found)])
 
 
 def _poses(path: Path, messages: Sequence[tuple[int, bytes]]) -> Poses:
-    """Those in messages (time, TFMessage) of one size. Every TFMessage has the fields of ours, whatever comments its definition has."""
+    """Those in messages (time, TFMessage) of one size. Every TFMessage has the fields of ours, whatever comments its
+    definition has."""
     kind, schema = TF, schema_text(TF)
     value, places = cdr.decode(kind, schema, messages[0][1])
     transforms = value['transforms']
@@ -75,7 +79,9 @@ def _poses(path: Path, messages: Sequence[tuple[int, bytes]]) -> Poses:
     picks = [i for i, parent in enumerate(parents) if parent == root]
     names = [transforms[i]['child_frame_id'] for i in picks]
     final = cdr.decode(kind, schema, messages[-1][1])[0]['transforms']
-    if [transform['child_frame_id'] for transform in final] != [transform['child_frame_id'] for transform in transforms]:
+    if [transform['child_frame_id'] for transform in final] != [
+        transform['child_frame_id'] for transform in transforms
+    ]:
         raise BagError(f'{path}: the frames in /tf change their names during the recording')
     table = np.frombuffer(b''.join(data for _, data in messages), np.uint8).reshape(len(messages), -1)
     pose = np.empty((len(messages), len(picks), NUMBERS))
@@ -93,7 +99,8 @@ def _poses(path: Path, messages: Sequence[tuple[int, bytes]]) -> Poses:
     if back.size:
         before, after = times[back[0]] * 1e-9, times[back[0] + 1] * 1e-9
         raise BagError(
-            f'{path} holds more than one run: the stamps of /tf go back from {before:.9g} to {after:.9g} s (a reset, or another start)'
+            f'{path} holds more than one run: the stamps of /tf go back from {before:.9g} to {after:.9g} s (a reset, '
+            'or another start)'
         )
     last = np.append(np.diff(times) > 0, True)
     return Poses(root=root, time_ns=times[last], frames=tuple(names), pose=pose[order][last])

@@ -1,8 +1,10 @@
-"""The recording process: takes steps from its standard input and writes them into a bag (see Recorder, which starts it).
+"""The recording process: takes steps from its standard input and writes them into a bag (see Recorder, which starts
+it).
 
-It answers on its standard output with one JSON string per line: empty when the bag was begun and when it was finished, otherwise the
-sentence of what went wrong, after which it ends. When its input ends without a result the simulating process has died: the bag is
-finished with what came. It imports neither numpy nor the solver, for whoever records waits until it is there.
+It answers on its standard output with one JSON string per line: empty when the bag was begun and when it was finished,
+otherwise the sentence of what went wrong, after which it ends. When its input ends without a result the simulating
+process has died: the bag is finished with what came. It imports neither numpy nor the solver, for whoever records waits
+until it is there.
 """
 
 from __future__ import annotations

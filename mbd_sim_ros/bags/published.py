@@ -1,7 +1,7 @@
 """Recordings that `ros2 bag record` made of the node: wall clock in their log times, simulation time in their stamps.
 
-The node tells its scene, latched, on `~/scene`. The first line of that text is a comment with JSON in it: which solver and
-processor compute, and the step and, where that is not the start of the scene, the state that the node began with.
+The node tells its scene, latched, on `~/scene`. The first line of that text is a comment with JSON in it: which solver
+and processor compute, and the step and, where that is not the start of the scene, the state that the node began with.
 """
 
 from __future__ import annotations
@@ -62,7 +62,11 @@ def load_published(name: str | Path, overrides: Sequence[str] = ()) -> Scene:
     from solver.files.scene import load_scene
 
     scene = load_scene(name, overrides)
-    return load_scene(name, [*overrides, 'integrator.step_policy=constant']) if scene.integrator.step_policy == 'auto' else scene
+    return (
+        load_scene(name, [*overrides, 'integrator.step_policy=constant'])
+        if scene.integrator.step_policy == 'auto'
+        else scene
+    )
 
 
 def told(path: str | Path) -> Told | None:
@@ -92,12 +96,17 @@ def told(path: str | Path) -> Told | None:
     namespaces = namespaces or list(dict.fromkeys(_namespace(topic) for topic, said in texts.items() if said))
     if len(namespaces) > 1:
         names = ' and '.join(f'/{name}' for name in namespaces)
-        raise BagError(f'{path} holds the topics of {len(namespaces)} simulators ({names}); record each into a bag of its own')
+        raise BagError(
+            f'{path} holds the topics of {len(namespaces)} simulators ({names}); record each into a bag of its own'
+        )
     namespace = namespaces[0] if namespaces else ''
     own = dict.fromkeys(text for topic, said in texts.items() if _namespace(topic) == namespace for text in said)
     scenes = dict.fromkeys(_parted(path, text)[1] for text in own)
     if len(scenes) > 1:
-        raise BagError(f'{path} holds {len(scenes)} scenes (~/load, or another start of the node); record each into a bag of its own')
+        raise BagError(
+            f'{path} holds {len(scenes)} scenes (~/load, or another start of the node); record each into a bag of its '
+            'own'
+        )
     return Told(namespace, *reversed(_parted(path, next(reversed(own))))) if own else Told(namespace, '', {})
 
 
@@ -145,7 +154,11 @@ def about(said: Told, first: int | None, frame: str) -> dict[str, str]:
     """Metadata that a recording of this package would have. first: the first step that is in it. frame: of its odometry
     or transforms."""
     head = said.head
-    metadata = {'resolved_scene': said.scene, 'source_hash': str(head.get('source_hash', '')), 'namespace': said.namespace}
+    metadata = {
+        'resolved_scene': said.scene,
+        'source_hash': str(head.get('source_hash', '')),
+        'namespace': said.namespace,
+    }
     metadata['target'] = yaml.safe_dump(head.get('target', {}))
     if prefix := frame.removesuffix('odom'):
         metadata['parameters'] = yaml.safe_dump({'frame_prefix': prefix})
@@ -164,6 +177,9 @@ def gaps(steps: Sequence[int]) -> str:
     cause = (
         f'cmd_applied is there at every {usual}th step only: set rate_cmd_applied to 0 and publish_every to 1'
         if usual > 1
-        else 'they were lost on the way to the recorder: record cmd_applied in a process of its own, or with ~/start_recording'
+        else (
+            'they were lost on the way to the recorder: record cmd_applied in a process of its own, or with '
+            '~/start_recording'
+        )
     )
     return f'{cause}; the same bits take the inputs of every step'

@@ -104,7 +104,8 @@ class Run:
 
     @property
     def events(self) -> list[dict[str, Any]]:
-        """Changes of step and penalties in the run, in order: the fields of solver.step.adaptation.Event. Raises BagError."""
+        """Changes of step and penalties in the run, in order: the fields of solver.step.adaptation.Event. Raises
+        BagError."""
         return self._said('event_list', list, dict)
 
     @property
@@ -114,7 +115,8 @@ class Run:
 
     @property
     def errors(self) -> dict[str, dict[str, Any]]:
-        """Numerical error of the run by quantity (solver.analysis.error_bar), where it was measured. Raises BagError."""
+        """Numerical error of the run by quantity (solver.analysis.error_bar), where it was measured. Raises
+        BagError."""
         return self._said('errors', dict, dict)
 
     @property
@@ -216,7 +218,9 @@ def read(path: str | Path, channels: Sequence[str] = (), *, log_times: bool = Fa
         if channel in of_channel:
             counts[of_channel[channel]] += count
         else:
-            run.messages[aside.get(channel, f'channel {channel}')] = run.messages.get(aside.get(channel, f'channel {channel}'), 0) + count
+            run.messages[aside.get(channel, f'channel {channel}')] = (
+                run.messages.get(aside.get(channel, f'channel {channel}'), 0) + count
+            )
     for one, clock in zip(collectors.values(), choose([*collectors.values()], log_times), strict=True):
         _add(run, one, clock, counts[one])
     if not run.known and left_out:

@@ -1,7 +1,8 @@
-"""Recording a run beside the simulation without stopping it: the writing is done by a process of its own (recording.py).
+"""Recording a run beside the simulation without stopping it: the writing is done by a process of its own
+(recording.py).
 
-A thread would share the interpreter lock with the simulation: with one, 1 to 4 % of the steps of a 1 kHz loop came late, without
-it almost none (docs/decisions/0005-recording-process.md).
+A thread would share the interpreter lock with the simulation: with one, 1 to 4 % of the steps of a 1 kHz loop came
+late, without it almost none (docs/decisions/0005-recording-process.md).
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ PIPE_BYTES = 1 << 20
 STEM_MOST = 60  # characters of the name of a scene in the names of files; one takes 4 bytes at most, a file name 255
 
 
-def describe(*, scene: str, resolved_yaml: str, parameters: Mapping[str, Any] | None = None, seed: int = 0, **more: str) -> dict[str, str]:
+def describe(
+    *, scene: str, resolved_yaml: str, parameters: Mapping[str, Any] | None = None, seed: int = 0, **more: str
+) -> dict[str, str]:
     """Return what a recording says about its run, as strings: scene, format, code and package versions, target,
     parameters, seed."""
     packages = {}
@@ -83,7 +86,8 @@ def about(simulation: Simulation, *, reactions: bool) -> dict[str, str]:
 
 
 def _element_kinds(model: ModelSpec, joint_kinds: Mapping[str, str]) -> dict[str, str]:
-    """Element or constraint on joint coordinates -> 'rotation' or 'translation': what all of these are, else those with a factor of 1."""
+    """Element or constraint on joint coordinates -> 'rotation' or 'translation': what all of these are, else those with
+    a factor of 1."""
     from solver.elements.registry import KINDS  # not where the recording process is started, which needs none of them
 
     found = {}
@@ -140,13 +144,13 @@ def new_directory(scene: str, base: str | Path = 'bags') -> Path:
 class Recorder:
     """Records every step through a process of its own: `write` costs the simulation one queue operation.
 
-    When the queue is full (the disk is too slow) a batch run waits (`wait=True`); a real-time run drops the step and counts it
-    in `dropped`. A failure is kept: the next `write` and `close` raise it as BagError and the caller decides what to do.
-    When the simulating process dies, the recording process finishes the bag with what was delivered.
-    `metadata` is the record of `describe`; arrays that the scene in it names become attachments, and a `robot_description` in it is also
-    written as the latched topic.
-    namespace: put before topics that do not begin with `/`.
-    Usable as a context manager. Raises BagError on construction when `directory` cannot be written or is not empty.
+    When the queue is full (the disk is too slow) a batch run waits (`wait=True`); a real-time run drops the step and
+    counts it in `dropped`. A failure is kept: the next `write` and `close` raise it as BagError and the caller decides
+    what to do. When the simulating process dies, the recording process finishes the bag with what was delivered.
+    `metadata` is the record of `describe`; arrays that the scene in it names become attachments, and a
+    `robot_description` in it is also written as the latched topic. namespace: put before topics that do not begin with
+    `/`. Usable as a context manager. Raises BagError on construction when `directory` cannot be written or is not
+    empty.
     """
 
     def __init__(
@@ -183,7 +187,10 @@ class Recorder:
         enlarge(self._pipe.fileno())
         arrays = stored.named_in(metadata.get('resolved_scene', ''))
         sizes = {name: len(data) for name, data in arrays.items()}
-        self._deliver([str(self.directory), [tuple(topic) for topic in topics], {RECORD: dict(metadata)}, sizes], list(arrays.values()))
+        self._deliver(
+            [str(self.directory), [tuple(topic) for topic in topics], {RECORD: dict(metadata)}, sizes],
+            list(arrays.values()),
+        )
         self._reply()
         if self.error is not None:
             raise self.error
@@ -201,7 +208,8 @@ class Recorder:
         return self._process.pid
 
     def write(self, t_ns: int, messages: Sequence[bytes | None]) -> bool:
-        """Queue the messages of one step, one per topic as given at the start (None: no message); whether there was room for them.
+        """Queue the messages of one step, one per topic as given at the start (None: no message); whether there was
+        room for them.
 
         Raises BagError after a failure.
         """
@@ -268,7 +276,8 @@ class Recorder:
             return
         line = self._replies.readline()
         died = (
-            f'recording to {self.directory} failed: the recording process died; `mbd recover {self.directory} NEW` saves what was written'
+            f'recording to {self.directory} failed: the recording process died; `mbd recover {self.directory} NEW` '
+            'saves what was written'
         )
         sentence = json.loads(line) if line else died
         if sentence:
@@ -284,7 +293,8 @@ class Recorder:
 
 
 class StepRecorder(Recorder):
-    """Records the steps of a simulation: messages at the instants it is given, and the inputs of every step between them.
+    """Records the steps of a simulation: messages at the instants it is given, and the inputs of every step between
+    them.
 
     inputs: their names. first: the step it begins behind.
     """
@@ -314,7 +324,8 @@ class StepRecorder(Recorder):
 
 
 def enlarge(pipe: int) -> None:
-    """Let a pipe hold PIPE_BYTES, so that a delivery does not wait for the reader. Without effect where the system does not permit it."""
+    """Let a pipe hold PIPE_BYTES, so that a delivery does not wait for the reader. Without effect where the system does
+    not permit it."""
     try:
         import fcntl
 

@@ -95,7 +95,13 @@ class Reading:
     """
 
     def __init__(
-        self, path: Path, *, skip: Collection[int] = (), channels: Collection[int] = (), onwards: bool = False, called: Path | None = None
+        self,
+        path: Path,
+        *,
+        skip: Collection[int] = (),
+        channels: Collection[int] = (),
+        onwards: bool = False,
+        called: Path | None = None,
     ) -> None:
         self.path, self.file = called or path, path
         self.damage: list[str] = []
@@ -117,7 +123,9 @@ class Reading:
         """Raise BagError if the file is not whole."""
         if self.damage:
             path = self.path
-            raise BagError(f'{path} is cut off or damaged ({self.damage[0]}); `mbd recover {path} NEW` saves every complete chunk')
+            raise BagError(
+                f'{path} is cut off or damaged ({self.damage[0]}); `mbd recover {path} NEW` saves every complete chunk'
+            )
 
     @property
     def counts(self) -> Counter[int]:
@@ -261,11 +269,14 @@ class Reading:
         format 1."""
         text = about.get('format', '1')
         if not (text.isascii() and text.isdigit() and len(text) < 10):
-            raise BagError(f'{self.path} is damaged: its metadata say format = {text[:40]!r}, which is not a whole number')
+            raise BagError(
+                f'{self.path} is damaged: its metadata say format = {text[:40]!r}, which is not a whole number'
+            )
         if int(text) > FORMAT:
             version = about.get('code_version', '').partition('+')[0][:40] or 'a later version'
             raise BagError(
-                f'{self.path} has format {int(text)}, and this version of mbd_sim_ros reads formats up to {FORMAT}: update mbd_sim_ros '
+                f'{self.path} has format {int(text)}, and this version of mbd_sim_ros reads formats up to {FORMAT}: '
+                'update mbd_sim_ros '
                 f'(the recording was made by {version})'
             )
 
@@ -375,7 +386,8 @@ class Reading:
             self.damage.append('the checksum of its summary is wrong')
         elif self._checked and begin and not told:
             self.damage.append('the checksum of its summary is missing')
-        elif self._private >= 0 and not (self._counted or self._checked):  # a chunk whose opcode is damaged looks like it
+        elif self._private >= 0 and not (self._counted or self._checked):
+            # a chunk whose opcode is damaged looks like it
             self.damage.append(f'the record at byte {self._private} has an unknown type: it may be a damaged chunk')
 
 

@@ -45,7 +45,8 @@ class Recovered(NamedTuple):
 
 @dataclass
 class _Part:
-    """A file of a recording, seen through once. left_out: topics that cannot be copied, and why. span: first and last log time [ns]."""
+    """A file of a recording, seen through once. left_out: topics that cannot be copied, and why. span: first and last
+    log time [ns]."""
 
     reading: Reading
     channels: dict[int, Topic] = field(default_factory=dict)
@@ -62,18 +63,24 @@ class _Part:
 def recover(source: str | Path, destination: str | Path) -> Recovered:
     """Copy every complete chunk of a damaged recording, one that was cut off (or a whole one) into a new bag directory.
 
-    Chunks behind a damaged one are copied too; the metadata of the new bag say what is missing in it. The files of a recording that was
-    split become one. Raises BagError if the source is not MCAP, nothing complete is in it, its files are not of one recording, or the
-    destination cannot be written.
+    Chunks behind a damaged one are copied too; the metadata of the new bag say what is missing in it. The files of a
+    recording that was split become one. Raises BagError if the source is not MCAP, nothing complete is in it, its files
+    are not of one recording, or the destination cannot be written.
     """
     texts: dict[str, str] = {}  # type -> its definition
     parts = [_look(path, texts) for path in find_files(source, unfinished=True)]
     _require_order(Path(source), parts)
     left_out = {topic: why for part in parts for topic, why in part.left_out.items()}
     if not any(part.used & part.channels.keys() for part in parts):
-        why = next((f': topic {topic}: {why}' for topic, why in left_out.items()), '') if any(part.used for part in parts) else ''
+        why = (
+            next((f': topic {topic}: {why}' for topic, why in left_out.items()), '')
+            if any(part.used for part in parts)
+            else ''
+        )
         what = parts[0].reading.path if len(parts) == 1 else source
-        raise BagError(f'{what} holds no complete chunk{" that can be copied" if why else ""}: nothing can be recovered{why}')
+        raise BagError(
+            f'{what} holds no complete chunk{" that can be copied" if why else ""}: nothing can be recovered{why}'
+        )
     damage = [f'{part.name}: {what}' if len(parts) > 1 else what for part in parts for what in part.reading.damage]
     damage += [f'{name} is missing' for name in _missing(Path(source))]
     lost = sum(part.reading.lost for part in parts)
@@ -83,13 +90,20 @@ def recover(source: str | Path, destination: str | Path) -> Recovered:
         about |= {'damage': '; '.join(damage), 'lost_messages': str(lost)}
     metadata[RESULT] = {**metadata.get(RESULT, {}), **about}
     topics, places = _together(parts)
-    arrays = {name: stored.packed(name) for part in parts for name in part.reading.attachments if stored.find(name) is not None}
+    arrays = {
+        name: stored.packed(name)
+        for part in parts
+        for name in part.reading.attachments
+        if stored.find(name) is not None
+    }
     writer = BagWriter(destination, topics, metadata, schemas=texts, attachments=arrays)
     for part, place in zip(parts, places, strict=True):
         for record in Reading(part.reading.path, onwards=True):
             if isinstance(record, Messages) and record.channel in place:
                 times = instants(record.times)
-                for log_ns, published_ns, data in zip(times[:, 0].tolist(), times[:, 1].view('<u8').tolist(), record.data):
+                for log_ns, published_ns, data in zip(
+                    times[:, 0].tolist(), times[:, 1].view('<u8').tolist(), record.data
+                ):
                     writer.write(log_ns, [(place[record.channel], data)], published_ns)
     directory = writer.finish()
     return Recovered(directory, sum(writer.count), writer.first_ns or 0, writer.last_ns, tuple(damage), lost, left_out)
@@ -123,7 +137,8 @@ def _look(path: Path, texts: dict[str, str]) -> _Part:
 
 
 def _require_order(source: Path, parts: Sequence[_Part]) -> None:
-    """Raise BagError where files do not follow each other as the parts of a recording do, which overlap by what is on its way at most."""
+    """Raise BagError where files do not follow each other as the parts of a recording do, which overlap by what is on
+    its way at most."""
     spans = [(part.name, *part.span) for part in parts if part.used]
     for (before, _, end), (after, begin, _) in pairwise(spans):
         if begin < end - SET_BACK:
@@ -134,7 +149,8 @@ def _require_order(source: Path, parts: Sequence[_Part]) -> None:
 
 
 def _together(parts: Sequence[_Part]) -> tuple[list[Topic], list[dict[int, int]]]:
-    """The topics of all files, and for every file: channel -> place of its topic. Channels of one name in a file stay apart."""
+    """The topics of all files, and for every file: channel -> place of its topic. Channels of one name in a file stay
+    apart."""
     topics: dict[tuple[str, str, int], Topic] = {}
     places = []
     for part in parts:
@@ -152,14 +168,18 @@ def _together(parts: Sequence[_Part]) -> tuple[list[Topic], list[dict[int, int]]
 def _missing(source: Path) -> list[str]:
     """Files of which the metadata.yaml of a directory speaks and that are not there."""
     try:
-        named = yaml.safe_load((source / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']['relative_file_paths']
+        named = yaml.safe_load((source / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information'][
+            'relative_file_paths'
+        ]
         return [name for name in named if not (source / name).is_file()]
-    except (OSError, ValueError, LookupError, TypeError, yaml.YAMLError):  # it is no directory, or has none, or a broken one
+    except (OSError, ValueError, LookupError, TypeError, yaml.YAMLError):
+        # it is no directory, or has none, or a broken one
         return []
 
 
 def _topic(channel: Channel, schema: Schema) -> Topic:
-    """A topic with the quality of service that it was recorded with, in the words of rosbag2 or in its older numbers."""
+    """A topic with the quality of service that it was recorded with, in the words of rosbag2 or in its older
+    numbers."""
     profile = channel.metadata.get('offered_qos_profiles', '')
     depth = re.search(r'\bdepth: *([1-9][0-9]{0,5})\b', profile)
     return Topic(

@@ -1,4 +1,5 @@
-"""Recordings in SQLite, which `ros2 bag record` made until Humble, and definitions of types in IDL, by the library rosbags."""
+"""Recordings in SQLite, which `ros2 bag record` made until Humble, and definitions of types in IDL, by the library
+rosbags."""
 
 from __future__ import annotations
 
@@ -21,8 +22,9 @@ _RULE = '=' * 80
 
 
 class Database:
-    """A recording in one file, or several in their order, as records (records.py). A database holds one time of every message, when it was
-    recorded, and no checksum; what `metadata.yaml` beside it says of the number of messages is compared.
+    """A recording in one file, or several in their order, as records (records.py). A database holds one time of every
+    message, when it was recorded, and no checksum; what `metadata.yaml` beside it says of the number of messages is
+    compared.
 
     files: the databases. called: their names in sentences.
     """
@@ -96,14 +98,19 @@ class Database:
             raise BagError(f'{place}: its metadata.yaml speaks of {lacking[0]}, which is not there')
         found = sum(self.counts.values())
         if len(ours) == len(names) and found != count:
-            raise BagError(f'{place} is cut off or damaged (its metadata.yaml says that it holds {count} messages, and {found} were found)')
+            raise BagError(
+                f'{place} is cut off or damaged (its metadata.yaml says that it holds {count} messages, and {found} '
+                'were found)'
+            )
 
 
 def salvage(path: Path) -> str:
     """Remedy that saves the rows of a damaged database."""
     file = path if path.suffix == SUFFIX else path.with_suffix('')
     first = '' if file == path else f'unpack it (zstd -d {path}); '
-    return f'{first}`sqlite3 {file} .recover | sqlite3 {file.with_name("saved" + SUFFIX)}` saves the rows that can be read'
+    return (
+        f'{first}`sqlite3 {file} .recover | sqlite3 {file.with_name("saved" + SUFFIX)}` saves the rows that can be read'
+    )
 
 
 def _schema(number: int, one: Any) -> Schema:
@@ -117,9 +124,17 @@ def _schema(number: int, one: Any) -> Schema:
     store = get_typestore(Stores.ROS2_HUMBLE)
     if one.msgtype not in store.types:
         return Schema(
-            id=number, name=one.msgtype, encoding='nothing (it is no type of ROS 2 Humble, and the database defines none)', data=b''
+            id=number,
+            name=one.msgtype,
+            encoding='nothing (it is no type of ROS 2 Humble, and the database defines none)',
+            data=b'',
         )
-    return Schema(id=number, name=one.msgtype, encoding='ros2msg', data=store.generate_msgdef(one.msgtype, ros_version=2)[0].encode())
+    return Schema(
+        id=number,
+        name=one.msgtype,
+        encoding='ros2msg',
+        data=store.generate_msgdef(one.msgtype, ros_version=2)[0].encode(),
+    )
 
 
 def from_idl(schema: Schema) -> tuple[Schema | None, str]:

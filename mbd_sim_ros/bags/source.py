@@ -15,7 +15,8 @@ _HEAD = 9  # bytes of it that the length does not count
 
 
 class ChecksummedStream:
-    """A file from its beginning, and the checksum of what was taken of it or skipped: once per piece, for records are many and small."""
+    """A file from its beginning, and the checksum of what was taken of it or skipped: once per piece, for records are
+    many and small."""
 
     def __init__(self, stream: BinaryIO) -> None:
         keep_freed_memory()
@@ -47,7 +48,8 @@ class ChecksummedStream:
         self._at += n
 
     def indexes(self) -> tuple[dict[int, int], int]:
-        """Channel -> messages of it, by the indexes that come next, and the bytes that these take; as far as they were read already."""
+        """Channel -> messages of it, by the indexes that come next, and the bytes that these take; as far as they were
+        read already."""
         found = {}
         piece, at = self._piece, self._at
         while at + _INDEX.size <= len(piece) and piece[at] == MESSAGE_INDEX:
@@ -75,7 +77,8 @@ class ChecksummedStream:
 
 
 def keep_freed_memory() -> None:
-    """Have the C library keep blocks as large as a chunk when they are freed. That of GNU gives them back to the system until a larger
-    one has been freed; before, the pages of every chunk are made anew, which takes as long as unpacking it.
+    """Have the C library keep blocks as large as a chunk when they are freed. That of GNU gives them back to the system
+    until a larger one has been freed; before, the pages of every chunk are made anew, which takes as long as unpacking
+    it.
     """
     bytes(_KEPT)

@@ -24,7 +24,8 @@ from solver.errors import BagError
 # Bytes of the three chunks of the same steps together, after which they are written. The time to read a file goes with
 # the number of its chunks; with ten times as much, more is lost when a process is killed.
 CHUNK_BYTES = 512 * 1024
-WIDE = ('joint_states', 'reactions', 'tire_states', 'body_motions', 'tf')  # topics with a part for every joint, wheel or body
+# topics with a part for every joint, wheel or body
+WIDE = ('joint_states', 'reactions', 'tire_states', 'body_motions', 'tf')
 PART = '.part'  # ending of the name of an unfinished file
 RECORD = 'mbd_sim_ros'  # name of the metadata record that describes the run
 # Format of recordings, `format` in that record. It grows by one when a reader of the format before would misread a
@@ -72,16 +73,22 @@ class BagWriter:
         self._chunk_of = [self._waiting[_weight(topic.name)] for topic in topics]
         self.first_ns: int | None = None
         self.last_ns = 0
-        self._custom = {key: value for key, value in metadata.get(RECORD, {}).items() if key in ('scene', 'scene_hash', 'code_version')}
+        self._custom = {
+            key: value
+            for key, value in metadata.get(RECORD, {}).items()
+            if key in ('scene', 'scene_hash', 'code_version')
+        }
         if not hasattr(Writer, 'flush'):
             raise BagError(
-                f"mcap {mcap.__version__} writes no recordings, which need flush() of 1.5: python -m pip install 'mcap>=1.5,<1.7'"
+                f'mcap {mcap.__version__} writes no recordings, which need flush() of 1.5: python -m pip install '
+                "'mcap>=1.5,<1.7'"
             )
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             if any(self.directory.iterdir()):
                 raise BagError(
-                    f'cannot record into {self.directory}: it is not empty; recordings are never overwritten; choose another place'
+                    f'cannot record into {self.directory}: it is not empty; recordings are never overwritten; choose '
+                    'another place'
                 )
             self._file = open(str(self.path) + PART, 'xb')  # noqa: SIM115  (closed in finish)
         except OSError as error:
@@ -92,11 +99,15 @@ class BagWriter:
             self.abandon()
             raise BagError(self._failure(error)) from error
 
-    def _start(self, metadata: Mapping[str, Mapping[str, str]], schemas: Mapping[str, str], attachments: Mapping[str, bytes]) -> None:
+    def _start(
+        self, metadata: Mapping[str, Mapping[str, str]], schemas: Mapping[str, str], attachments: Mapping[str, bytes]
+    ) -> None:
         for compression in (CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE):
             try:
                 # Chunks end where flush() ends them, with the heads of all their messages.
-                self._writer = Writer(self._file, chunk_size=2 * CHUNK_BYTES, compression=compression, enable_data_crcs=True)
+                self._writer = Writer(
+                    self._file, chunk_size=2 * CHUNK_BYTES, compression=compression, enable_data_crcs=True
+                )
                 break
             except UnsupportedCompressionError:
                 continue
@@ -117,7 +128,10 @@ class BagWriter:
             self._channels.append(self._writer.register_channel(topic.name, 'cdr', known[topic.type], about))
 
     def _failure(self, error: OSError) -> str:
-        return f'recording to {self.path} failed: {error.strerror or error}; what was written can be recovered from {self.path.name}{PART}'
+        return (
+            f'recording to {self.path} failed: {error.strerror or error}; what was written can be recovered from '
+            f'{self.path.name}{PART}'
+        )
 
     def write(self, t_ns: int, messages: Iterable[tuple[int, bytes]], published_ns: int | None = None) -> None:
         """Write messages, (index of the topic, encoded message) each, at the simulation time `t_ns` [ns].
@@ -160,7 +174,10 @@ class BagWriter:
             os.replace(str(self.path) + PART, self.path)
             about = self.directory / 'metadata.yaml'
             with atomic_write(about) as part:
-                part.write_text(yaml.safe_dump({'rosbag2_bagfile_information': self._information()}, sort_keys=False), encoding='utf-8')
+                part.write_text(
+                    yaml.safe_dump({'rosbag2_bagfile_information': self._information()}, sort_keys=False),
+                    encoding='utf-8',
+                )
         except OSError as error:
             self.abandon()
             raise BagError(self._failure(error)) from error

@@ -1,4 +1,5 @@
-"""One module per command of `mbd`: add(parsers) declares it, run(args) returns a Result. Heavy imports wait until run()."""
+"""One module per command of `mbd`: add(parsers) declares it, run(args) returns a Result. Heavy imports wait until
+run()."""
 
 from __future__ import annotations
 
@@ -41,8 +42,8 @@ def declare(parsers: Any, name: str, run: Any, help_: str, example: str) -> argp
 
 
 def offer(action: argparse.Action, names: Callable[[], Iterable[str]], *, files: bool = False) -> argparse.Action:
-    """Names that the Tab key offers for an argument, looked for when it is pressed. files: and, once something is typed, paths of files
-    that scenes are made of. Returns the action."""
+    """Names that the Tab key offers for an argument, looked for when it is pressed. files: and, once something is
+    typed, paths of files that scenes are made of. Returns the action."""
 
     def completer(prefix: str, **_: Any) -> list[str]:
         from argcomplete.completers import FilesCompleter
@@ -85,7 +86,9 @@ class Settings(argparse.Action):
     """--set KEY=VALUE, repeatable. An override of a part comes after an override of the whole; the other order is
     refused, since the part would be lost."""
 
-    def __call__(self, parser: Any, namespace: argparse.Namespace, value: Any, option_string: str | None = None) -> None:
+    def __call__(
+        self, parser: Any, namespace: argparse.Namespace, value: Any, option_string: str | None = None
+    ) -> None:
         from solver.files.overrides import overtaken
 
         given = [*getattr(namespace, self.dest), value]
@@ -93,13 +96,15 @@ class Settings(argparse.Action):
         if lost is not None:
             part, whole = (one.partition('=')[0] for one in lost)
             parser.error(
-                f'--set {part}: has no effect, because --set {whole} comes later and replaces all of {whole}; give --set {whole} first'
+                f'--set {part}: has no effect, because --set {whole} comes later and replaces all of {whole}; give '
+                f'--set {whole} first'
             )
         setattr(namespace, self.dest, given)
 
 
 def _is_parameter(assignment: str) -> bool:
-    """True for a number under a key that stands alone: no part of a scene with parts has one, but parameters of evaluations do."""
+    """True for a number under a key that stands alone: no part of a scene with parts has one, but parameters of
+    evaluations do."""
     key, _, value = assignment.partition('=')
     try:
         return '.' not in key and float(value) is not None

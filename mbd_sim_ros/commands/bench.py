@@ -23,12 +23,19 @@ def add(parsers: Any) -> None:
         '  mbd bench --suite node_at_work.yaml --duration 60',
     )
     parser.add_argument('--cases', metavar='NAMES', default='', help='only these cases, separated by commas')
-    parser.add_argument('--suite', metavar='FILE', default=DEFAULT, help='list of cases: a path, or a file in config (%(default)s)')
+    parser.add_argument(
+        '--suite', metavar='FILE', default=DEFAULT, help='list of cases: a path, or a file in config (%(default)s)'
+    )
     parser.add_argument('--duration', metavar='S', type=float, help='simulated seconds of the cases that run the node')
     parser.add_argument('--quick', action='store_true', help='fewer steps: for a first look, not for comparisons')
-    parser.add_argument('--strict', action='store_true', help='exit code 1 when a target is missed or a case cannot be measured')
     parser.add_argument(
-        '--out', metavar='FILE.md', type=Path, help='also write the tables as Markdown (into the generated part of an existing file)'
+        '--strict', action='store_true', help='exit code 1 when a target is missed or a case cannot be measured'
+    )
+    parser.add_argument(
+        '--out',
+        metavar='FILE.md',
+        type=Path,
+        help='also write the tables as Markdown (into the generated part of an existing file)',
     )
 
 
@@ -55,8 +62,14 @@ def run(args: argparse.Namespace) -> Result:
     data = {'status': 'failed' if failed else 'ok', 'quick': args.quick, 'missed': missed, **found}
     if args.out is not None and measured:
         suite_name = '' if args.suite == DEFAULT else Path(args.suite).stem
-        given = {'--suite': suite_name and args.suite, '--cases': args.cases, '--duration': args.duration and f'{args.duration:g}'}
-        options = ''.join([' --quick' if args.quick else '', *(f' {name} {value}' for name, value in given.items() if value)])
+        given = {
+            '--suite': suite_name and args.suite,
+            '--cases': args.cases,
+            '--duration': args.duration and f'{args.duration:g}',
+        }
+        options = ''.join(
+            [' --quick' if args.quick else '', *(f' {name} {value}' for name, value in given.items() if value)]
+        )
         where = args.out.name if args.out.is_absolute() else args.out
         verdicts.write(found, args.out, f'mbd bench{options} --out {where}', suite_name)
     return Result(data=data, text=verdicts.text(found), code=1 if failed else 0)

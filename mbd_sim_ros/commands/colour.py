@@ -1,4 +1,5 @@
-"""Colour of what is not in order, in the text for people: on a terminal only, and never where NO_COLOR is set (no-color.org)."""
+"""Colour of what is not in order, in the text for people: on a terminal only, and never where NO_COLOR is set
+(no-color.org)."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ RED, PLAIN = '\x1b[31m', '\x1b[0m'
 BAD = re.compile(
     r'\b(?:SUSPECT|REQUIREMENT|OUTSIDE|FAILED|FAIL|NOT MET|REFUSED)\b'
     r'|(?<=^verdict) +(?!ok\b)[^ \n]+|(?<=^plan) +(?!ok\b)[^ \n]+'
-    r'|^the recordings differ|^\d+ of \d+ channels outside tolerance|^topics that differ|^[1-9]\d* of \d+ checks not met'
+    r'|^the recordings differ|^\d+ of \d+ channels outside tolerance|^topics that differ|^[1-9]\d* of \d+ checks not '
+    r'met'
     r'|^limits of the norm are not kept',
     re.MULTILINE,
 )

@@ -41,7 +41,7 @@ mapping file (THEIRS in deg/s becomes OURS in rad/s; axes: theirs are turned by 
 tolerance file (the first pattern that fits counts; rms, peak: relative; shift: s; rating: ISO/TS 18571, 0 to 1):
   tolerances:
     'imu/w*': {rtol: 0.05, atol: 0.01, rms: 0.02, rating: 0.8, shift: 0.05}
-  default: {rtol: 0.1}"""
+  default: {rtol: 0.1}"""  # noqa: E501
 
 
 class _Alone(argparse.Action):
@@ -65,9 +65,13 @@ def add(parsers: Any) -> None:
         'compare a run with a reference: how far apart, or within given tolerances; exit code 0 only where they agree',
         EXAMPLE,
     )
-    source = 'bag directory, .mcap file, table (.csv, .tsv, .txt), .mf4, CAN log (.blf, .asc) or directory of .csv files'
+    source = (
+        'bag directory, .mcap file, table (.csv, .tsv, .txt), .mf4, CAN log (.blf, .asc) or directory of .csv files'
+    )
     parser.add_argument('run_', metavar='RUN', type=Path, help=source)
-    reference = parser.add_argument('reference', metavar='REFERENCE', type=Path, help='the same; differences are RUN - REFERENCE')
+    reference = parser.add_argument(
+        'reference', metavar='REFERENCE', type=Path, help='the same; differences are RUN - REFERENCE'
+    )
     parser.add_argument(
         'repeats',
         metavar='REPEAT',
@@ -84,11 +88,21 @@ def add(parsers: Any) -> None:
     )
     judged = parser.add_argument_group(
         'what is allowed',
-        'Without a limit the differences are listed in percent of the peak, and recordings agree that are equal to 1e-06 of it.',
+        'Without a limit the differences are listed in percent of the peak, and recordings agree that are equal to '
+        '1e-06 of it.',
     )
-    judged.add_argument('--rtol', type=float, help='allowed difference relative to the largest value of the channel in REFERENCE (1e-06)')
+    judged.add_argument(
+        '--rtol',
+        type=float,
+        help='allowed difference relative to the largest value of the channel in REFERENCE (1e-06)',
+    )
     judged.add_argument('--atol', type=float, help='allowed absolute difference, added to the relative one (1e-09)')
-    judged.add_argument('--tolerances', metavar='FILE', type=Path, help='limits per channel, see below; --rtol and --atol for the others')
+    judged.add_argument(
+        '--tolerances',
+        metavar='FILE',
+        type=Path,
+        help='limits per channel, see below; --rtol and --atol for the others',
+    )
     judged.add_argument('--exact', action='store_true', help='same instants, same channels, same bits')
     judged.add_argument('--allow-missing', action='store_true', help='accept channels and times that one lacks')
     judged.add_argument(
@@ -98,7 +112,9 @@ def add(parsers: Any) -> None:
         help='fraction of the longer recording that both must cover (default 1; 0.95 when times are moved)',
     )
     chosen = parser.add_argument_group('channels')
-    chosen.add_argument('--channel', metavar='PATTERN', action='append', default=[], help="only channels like 'odom/*' (repeatable)")
+    chosen.add_argument(
+        '--channel', metavar='PATTERN', action='append', default=[], help="only channels like 'odom/*' (repeatable)"
+    )
     chosen.add_argument(
         '--map',
         metavar='THEIRS=OURS',
@@ -113,7 +129,12 @@ def add(parsers: Any) -> None:
         help='names, units, signs, offsets, axes of REFERENCE, see below; only these are compared',
     )
     chosen.add_argument(
-        '--dbc', metavar='FILE', type=Path, action='append', default=[], help='database of the frames in a CAN log (repeatable)'
+        '--dbc',
+        metavar='FILE',
+        type=Path,
+        action='append',
+        default=[],
+        help='database of the frames in a CAN log (repeatable)',
     )
     times = parser.add_argument_group('times')
     times.add_argument('--offset', metavar='SECONDS', type=float, default=0.0, help='added to the times of REFERENCE')
@@ -124,7 +145,9 @@ def add(parsers: Any) -> None:
         help='find the time offset of REFERENCE by cross-correlation of this channel of RUN, with either sign',
     )
     shown = parser.add_argument_group('pictures')
-    shown.add_argument('--html', metavar='FILE', type=Path, help='report with all figures and curves to zoom into, in one file')
+    shown.add_argument(
+        '--html', metavar='FILE', type=Path, help='report with all figures and curves to zoom into, in one file'
+    )
     shown.add_argument('--plot', metavar='PNG', type=Path, help='draw the channels that differ most')
     shown.add_argument('--no-rating', action='store_true', help='no ISO/TS 18571 rating where no tolerance asks for it')
 
@@ -161,10 +184,17 @@ def run(args: argparse.Namespace) -> Result:
     if file is None and not channels:
         (ours, *references), aside = of_one_clock((ours, *references))
     if file is not None:
-        listed = [mapping.literal(name) for name in (*file.channels, *pairs, *(axis for turn in file.axes for axis in turn.channels))]
+        listed = [
+            mapping.literal(name)
+            for name in (*file.channels, *pairs, *(axis for turn in file.axes for axis in turn.channels))
+        ]
         keep = {name for r in (ours, *references) for one in r.series.values() for name in one.columns}
-        channels = sorted(name for name in keep if fits_any(name, listed) and (not channels or fits_any(name, channels)))
-        common = keep.intersection(*({n for one in r.series.values() for n in one.columns} for r in (ours, *references)))
+        channels = sorted(
+            name for name in keep if fits_any(name, listed) and (not channels or fits_any(name, channels))
+        )
+        common = keep.intersection(
+            *({n for one in r.series.values() for n in one.columns} for r in (ours, *references))
+        )
         lacking = sorted(set(channels) - common)
         channels = [mapping.literal(name) for name in channels if name in common]
         if not channels:
@@ -191,14 +221,24 @@ def run(args: argparse.Namespace) -> Result:
             only_in_run=tuple(n for n in lacking if n in in_run),
             only_in_reference=tuple(n for n in lacking if n not in in_run),
         )
-    unknown = [ours_ for ours_ in ((file.channels.keys() if file is not None else set()) | pairs.keys()) if '*' not in ours_]
-    misspelt = [f'mapping: {args.run_} has no channel {n!r}{ours.instead_of(n)}' for n in sorted(unknown) if n not in ours.names]
+    unknown = [
+        ours_ for ours_ in ((file.channels.keys() if file is not None else set()) | pairs.keys()) if '*' not in ours_
+    ]
+    misspelt = [
+        f'mapping: {args.run_} has no channel {n!r}{ours.instead_of(n)}' for n in sorted(unknown) if n not in ours.names
+    ]
     found = dataclasses.replace(found, notes=(*found.notes, *aside, *misspelt))
     names = _labels([args.run_, args.reference, *args.repeats])
-    left_out = {f'{name}: {topic}': why for name, r in zip(names, (ours, *references)) for topic, why in r.left_out.items()}
+    left_out = {
+        f'{name}: {topic}': why for name, r in zip(names, (ours, *references)) for topic, why in r.left_out.items()
+    }
     unused = limits.unused(d.channel for d in found.differences)
     compared = set.intersection(*({n for one in r.series.values() for n in one.columns} for r in (ours, *references)))
-    doubts = {name: list(told) for name, r in zip(names, (ours, *references)) if (told := runs.suspicion(with_doubts_of(r, compared)))}
+    doubts = {
+        name: list(told)
+        for name, r in zip(names, (ours, *references))
+        if (told := runs.suspicion(with_doubts_of(r, compared)))
+    }
     result = report(
         found,
         judged=bool(given) or args.tolerances is not None,
@@ -219,7 +259,11 @@ def run(args: argparse.Namespace) -> Result:
 
         verdict = result.text.splitlines()[-1]
         write_report(
-            found, args.html, names=names, about=about(found, names, left_out, unused, doubts), verdict=(result.code == 0, verdict)
+            found,
+            args.html,
+            names=names,
+            about=about(found, names, left_out, unused, doubts),
+            verdict=(result.code == 0, verdict),
         )
     return result
 
@@ -274,7 +318,10 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     ours = read(args.run_, [*map(mapping.literal, sources), *axes, *also] if file is not None else wanted)
     mapped = [source.channel for source in sources.values()]
     time = file.time if file is not None else None
-    others = [runs.read(place, listed, beside=mapped, time=time, databases=args.dbc, log_times=args.log_times) for place in places]
+    others = [
+        runs.read(place, listed, beside=mapped, time=time, databases=args.dbc, log_times=args.log_times)
+        for place in places
+    ]
     unit_of = runs.units(ours)
     held: frozenset[str] = frozenset()
     references = []
@@ -311,7 +358,9 @@ def about(
             one = found.found[k]
             again = '' if one.again is None else f'; {one.again:.6g} s fits nearly as well'
             again += '' if one.opposed is None else f'; {one.opposed:.6g} s fits nearly as well with the other sign'
-            lines.append(f'{found.offsets[k]:.6f} s added to the times of {name} (correlation {one.correlation:.4f}{again})')
+            lines.append(
+                f'{found.offsets[k]:.6f} s added to the times of {name} (correlation {one.correlation:.4f}{again})'
+            )
         elif k < len(found.offsets) and found.offsets[k]:
             lines.append(f'{found.offsets[k]:.6f} s added to the times of {name}')
     for side, channels in ((names[0], found.only_in_run), ('reference', found.only_in_reference)):
@@ -377,14 +426,26 @@ def report(
     extra = (*(['rating'] if rated else []), *(['in band'] if band else []))
     rows: list[tuple[str, ...]] = [('channel', 'unit', 'max', 'at [s]', 'rms', 'scale', 'max/scale', *extra, '')]
     for d in found.differences[:SHOWN]:
-        cells = [d.channel, d.unit, f'{d.max:.3g}', f'{d.time:.6g}', f'{d.rms:.3g}', f'{d.scale:.3g}', f'{d.normalised:.3g}']
+        cells = [
+            d.channel,
+            d.unit,
+            f'{d.max:.3g}',
+            f'{d.time:.6g}',
+            f'{d.rms:.3g}',
+            f'{d.scale:.3g}',
+            f'{d.normalised:.3g}',
+        ]
         cells += ['' if d.rating is None else f'{d.rating.overall:.3f}'] if rated else []
         cells += ['' if d.band is None else f'{100.0 * d.band.inside:.1f} %'] if band else []
         rows.append((*cells, '' if d.ok else f'OUTSIDE: {"; ".join(d.reasons)}'))
     lines = [*said, table(rows)]
     if len(found.differences) > SHOWN:
         lines.append(f'... and {len(found.differences) - SHOWN} channels that differ less')
-    verdict = f'{len(outside)} of {len(found.differences)} channels outside' if outside else f'{len(found.differences)} channels within'
+    verdict = (
+        f'{len(outside)} of {len(found.differences)} channels outside'
+        if outside
+        else f'{len(found.differences)} channels within'
+    )
     lines.append(f'{verdict} tolerance{_at(found, missing)}')
     return Result(data=data, text='\n'.join(lines), code=0 if good else 1)
 
@@ -403,13 +464,21 @@ def _apart(found: Comparison, missing: Sequence[str]) -> list[str]:
         agreed = f'{len(found.differences)} channels agree, to {EQUAL} of their peaks{_at(found, missing)}'
         return [f'{agreed}; problems: {len(found.problems)}, see above' if found.problems else agreed]
     verdict = f'the recordings differ: {most(found.differences)}'
-    more = 'all channels: --html FILE, or --json; what is allowed: --rtol 0.05 (5 % of the peak), --tolerances FILE; equal bits: --exact'
+    more = (
+        'all channels: --html FILE, or --json; what is allowed: --rtol 0.05 (5 % of the peak), --tolerances FILE; '
+        'equal bits: --exact'
+    )
     return [table(rows(found.differences)), more, f'{verdict}{_at(found, missing)}']
 
 
 def _found(offset: Offset) -> dict[str, Any]:
     """A time offset that --align found, for JSON."""
-    return {'correlation': offset.correlation, 'again': offset.again, 'turned': offset.correlation < 0.0, 'opposed': offset.opposed}
+    return {
+        'correlation': offset.correlation,
+        'again': offset.again,
+        'turned': offset.correlation < 0.0,
+        'opposed': offset.opposed,
+    }
 
 
 def _channel(d: Difference) -> dict[str, Any]:

@@ -9,13 +9,18 @@ from typing import Any
 from mbd_sim_ros.commands import SCENE_HELP, Result, declare, names_of, offer, table
 from solver.errors import MbdError
 
-SCENES = ('slider_crank', 'car_swept_steer')  # between them they use every kernel but those of rarely used elements and settings
+# between them they use every kernel but those of rarely used elements and settings
+SCENES = ('slider_crank', 'car_swept_steer')
 
 
 def add(parsers: Any) -> None:
     """Declare the command."""
-    parser = declare(parsers, 'compile', run, 'compile what scenes need, ahead of their first run', 'mbd compile car_swept_steer')
-    scenes = parser.add_argument('scenes', metavar='SCENE', nargs='*', help=f'{SCENE_HELP} (default: {" ".join(SCENES)})')
+    parser = declare(
+        parsers, 'compile', run, 'compile what scenes need, ahead of their first run', 'mbd compile car_swept_steer'
+    )
+    scenes = parser.add_argument(
+        'scenes', metavar='SCENE', nargs='*', help=f'{SCENE_HELP} (default: {" ".join(SCENES)})'
+    )
     offer(scenes, names_of('scenes'), files=True)
 
 

@@ -1,4 +1,5 @@
-"""`make demo`: the real node, driven over real topics in real time, recorded, and the recording simulated again bit for bit.
+"""`make demo`: the real node, driven over real topics in real time, recorded, and the recording simulated again bit for
+bit.
 
 Exit code 0 only if at most 1 % of the steps missed their deadline and the replay gives the same bits.
 """
@@ -30,11 +31,22 @@ DOMAIN = '77'  # of its own, so that nothing else on the machine steers the car
 
 
 def drive(scene: str, directory: Path, duration: float) -> None:
-    """Run simulator and maneuver as processes until the simulator ends. Raises MbdError with its exit code if it fails."""
-    environment = {'ROS_DOMAIN_ID': DOMAIN, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **os.environ}  # nobody else listens
-    parameters = {'scene': scene, 'duration': duration, 'record': True, 'out': str(directory), 'mode': 'realtime', 'rate_factor': 1.0}
+    """Run simulator and maneuver as processes until the simulator ends. Raises MbdError with its exit code if it
+    fails."""
+    # nobody else listens
+    environment = {'ROS_DOMAIN_ID': DOMAIN, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **os.environ}
+    parameters = {
+        'scene': scene,
+        'duration': duration,
+        'record': True,
+        'out': str(directory),
+        'mode': 'realtime',
+        'rate_factor': 1.0,
+    }
     arguments = [text for name, value in parameters.items() for text in ('-p', f'{name}:={json.dumps(value)}')]
-    simulator = subprocess.Popen([sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', *arguments], env=environment)
+    simulator = subprocess.Popen(
+        [sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', *arguments], env=environment
+    )
     player = [
         sys.executable,
         '-m',
@@ -106,7 +118,9 @@ def demo(scene: str, duration: float | None) -> int:
     duration = duration or float(max(loaded.duration, SHORTEST))
     directory = new_directory(f'demo-{loaded.name}')
     interrupts.now(f'driving {scene}')
-    print(f'demo: {scene}, {duration:g} s in real time; the first start compiles, which takes about a minute', flush=True)
+    print(
+        f'demo: {scene}, {duration:g} s in real time; the first start compiles, which takes about a minute', flush=True
+    )
     drive(scene, directory, duration)
     run = bag.read(directory)
     steps, overruns = int(run.metadata['steps']), int(run.metadata['overruns'])
@@ -114,12 +128,18 @@ def demo(scene: str, duration: float | None) -> int:
     picture = directory / 'demo.png'
     draw(run, picture)
     print(
-        f'real time:  {run.time[-1]:.3f} s simulated in {wall:.3f} s, {overruns} of {steps} steps late ({100.0 * overruns / steps:.2f} %)'
+        f'real time:  {run.time[-1]:.3f} s simulated in {wall:.3f} s, {overruns} of {steps} steps late '
+        f'({100.0 * overruns / steps:.2f} %)'
     )
     print(f'recording:  {directory} ({len(run.columns)} columns, {run.time_ns.size} instants)')
     print(f'picture:    {picture}')
     print('replay:     ', end='', flush=True)
-    same = subprocess.run([sys.executable, '-m', 'mbd_sim_ros.commands.main', 'replay', str(directory)], check=False).returncode == 0
+    same = (
+        subprocess.run(
+            [sys.executable, '-m', 'mbd_sim_ros.commands.main', 'replay', str(directory)], check=False
+        ).returncode
+        == 0
+    )
     late = overruns > OVERRUNS_ALLOWED * steps
     if late:
         print(f'FAILED: more than {OVERRUNS_ALLOWED:.0%} of the steps were late: the machine is too slow or too busy')
@@ -132,7 +152,9 @@ def main() -> int:
     """Read the arguments and run; returns the exit code."""
     parser = argparse.ArgumentParser(prog='python -m mbd_sim_ros.commands.demo', description=__doc__)
     parser.add_argument('scene', nargs='?', default=SCENE, help='scene file or name (%(default)s)')
-    parser.add_argument('--duration', type=float, help=f'simulated seconds (default: that of the scene, at least {SHORTEST:g})')
+    parser.add_argument(
+        '--duration', type=float, help=f'simulated seconds (default: that of the scene, at least {SHORTEST:g})'
+    )
     arguments = parser.parse_args()
     try:
         return demo(arguments.scene, arguments.duration)

@@ -24,7 +24,7 @@ mapping file (THEIRS in deg/s becomes OURS in rad/s; any signal of docs/evaluati
     yaw_rate: {channel: vehicle/imu/yaw_rate, unit: deg/s}
     lateral_acceleration: {channel: vehicle/imu/lateral, unit: g, sign: -1}
     speed: {channel: vehicle/speed, unit: km/h}
-    steering: {channel: vehicle/steering, unit: deg}"""
+    steering: {channel: vehicle/steering, unit: deg}"""  # noqa: E501
 
 
 def add(parsers: Any) -> None:
@@ -32,11 +32,18 @@ def add(parsers: Any) -> None:
     help_ = 'judge maneuvers of norms in recordings: figures, limits, pass or fail'
     parser = declare(parsers, 'evaluate', run, help_, EXAMPLE)
     source = (
-        'bag directory, .mcap file, table (.csv, .tsv, .txt), .mf4, CAN log (.blf, .asc) or directory of .csv files; several are a series'
+        'bag directory, .mcap file, table (.csv, .tsv, .txt), .mf4, CAN log (.blf, .asc) or directory of .csv '
+        'files; several are a series'
     )
     parser.add_argument('bags', metavar='BAG', type=Path, nargs='*', help=source)
     offer(
-        parser.add_argument('--as', metavar='NAME', dest='name', default='', help='the evaluation, where the recording does not state it'),
+        parser.add_argument(
+            '--as',
+            metavar='NAME',
+            dest='name',
+            default='',
+            help='the evaluation, where the recording does not state it',
+        ),
         evaluations,
     )
     parser.add_argument('--list', action='store_true', help='list the evaluations and their parameters')
@@ -49,13 +56,24 @@ def add(parsers: Any) -> None:
         dest='overrides',
         help='a parameter of the evaluation, in SI units (repeatable)',
     )
-    parser.add_argument('--map', metavar='THEIRS=OURS', action='append', default=[], help='a channel and its name here (repeatable)')
-    parser.add_argument('--mapping', metavar='FILE', type=Path, help='names, units, signs, offsets and axes of the channels, see below')
+    parser.add_argument(
+        '--map', metavar='THEIRS=OURS', action='append', default=[], help='a channel and its name here (repeatable)'
+    )
+    parser.add_argument(
+        '--mapping', metavar='FILE', type=Path, help='names, units, signs, offsets and axes of the channels, see below'
+    )
     add_log_times(parser)
     parser.add_argument(
-        '--dbc', metavar='FILE', type=Path, action='append', default=[], help='database of the frames in a CAN log (repeatable)'
+        '--dbc',
+        metavar='FILE',
+        type=Path,
+        action='append',
+        default=[],
+        help='database of the frames in a CAN log (repeatable)',
     )
-    parser.add_argument('--html', metavar='FILE', type=Path, help='page with all figures and curves to zoom into, in one file')
+    parser.add_argument(
+        '--html', metavar='FILE', type=Path, help='page with all figures and curves to zoom into, in one file'
+    )
     parser.add_argument(
         '--errors',
         action='store_true',
@@ -89,7 +107,9 @@ def run(args: argparse.Namespace) -> Result:
         interrupts.now(f'judging {place}')
         recording, held, scene = judging.read(place, sources, axes, time, args.dbc, log_times=args.log_times)
         evaluation = judging.meant(scene, args.name, str(place))
-        result = judging.judge(evaluation, recording, str(place), given, held=held, scene=scene, mapped=bool(sources or axes))
+        result = judging.judge(
+            evaluation, recording, str(place), given, held=held, scene=scene, mapped=bool(sources or axes)
+        )
         results.append(with_intervals(evaluation, result, place, given) if args.errors else result)
     return report(results, html=args.html, strict=args.strict)
 
@@ -103,7 +123,8 @@ def report(
     data: Mapping[str, Any] | None = None,
     refused: Mapping[str, MbdError] | None = None,
 ) -> Result:
-    """The object, the text, the page and the exit code of some results. refused: evaluations that belong to them and have no result."""
+    """The object, the text, the page and the exit code of some results. refused: evaluations that belong to them and
+    have no result."""
     from mbd_sim_ros.analysis.evaluation import figures
     from mbd_sim_ros.analysis.evaluation.html import write_page
     from mbd_sim_ros.analysis.evaluation.registry import called
@@ -134,7 +155,12 @@ def report(
     lines = [*about]
     single = [r for r in results if r.evaluation not in together]
     for r in single[:SHOWN]:
-        lines += ['', f'{r.title} ({r.norm}): {r.source}', table(figures.rows([r])), *(f'note: {note}' for note in r.notes)]
+        lines += [
+            '',
+            f'{r.title} ({r.norm}): {r.source}',
+            table(figures.rows([r])),
+            *(f'note: {note}' for note in r.notes),
+        ]
     if len(single) > SHOWN:
         lines.append(f'... and {len(single) - SHOWN} more; --json or --html has all')
     for name, fs in together.items():
@@ -148,7 +174,12 @@ def report(
     if html is not None:
         title = ', '.join(dict.fromkeys(r.title for r in results))
         write_page(
-            results, html, title=title, about=about, passed=passed, together={f'{name}: all runs': fs for name, fs in together.items()}
+            results,
+            html,
+            title=title,
+            about=about,
+            passed=passed,
+            together={f'{name}: all runs': fs for name, fs in together.items()},
         )
         lines.append(f'page: {html}')
     code = next((error.exit_code for error in (refused or {}).values()), 1 if strict and passed is False else 0)
@@ -156,7 +187,8 @@ def report(
 
 
 def _notes(results: Sequence[figures.Result]) -> list[str]:
-    """The notes of a series, each once, whatever numbers are in it, with the runs that it is of: how many, or the one by its name."""
+    """The notes of a series, each once, whatever numbers are in it, with the runs that it is of: how many, or the one
+    by its name."""
     of: dict[str, dict[str, str]] = {}  # text without numbers -> run -> note
     for r in results:
         for note in r.notes:
@@ -164,9 +196,17 @@ def _notes(results: Sequence[figures.Result]) -> list[str]:
     lines = []
     for at in of.values():
         name = Path(next(iter(at))).name
-        one = name if len(at) == 1 else f'{len(at)} of {len(results)} runs' + (f', this of {name}' if len({*at.values()}) > 1 else '')
+        one = (
+            name
+            if len(at) == 1
+            else f'{len(at)} of {len(results)} runs' + (f', this of {name}' if len({*at.values()}) > 1 else '')
+        )
         lines.append(f'note ({one}): {next(iter(at.values()))}')
-    return lines if len(lines) <= NOTES else [*lines[:NOTES], f'... and {len(lines) - NOTES} more notes; --json or --html has all']
+    return (
+        lines
+        if len(lines) <= NOTES
+        else [*lines[:NOTES], f'... and {len(lines) - NOTES} more notes; --json or --html has all']
+    )
 
 
 def listed() -> Result:
@@ -180,5 +220,14 @@ def listed() -> Result:
     for e in EVALUATIONS:
         parameters = {f.name: f.default for f in dataclasses.fields(e.parameters)}
         rows.append((e.name, e.title, e.norm.partition(' [')[0], ', '.join(parameters)))
-        data.append({'name': e.name, 'title': e.title, 'norm': e.norm, 'aliases': e.aliases, 'needs': e.needs, 'parameters': parameters})
+        data.append(
+            {
+                'name': e.name,
+                'title': e.title,
+                'norm': e.norm,
+                'aliases': e.aliases,
+                'needs': e.needs,
+                'parameters': parameters,
+            }
+        )
     return Result(data={'status': 'ok', 'evaluations': data}, text=table(rows))

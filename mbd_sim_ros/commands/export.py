@@ -23,12 +23,15 @@ def add(parsers: Any) -> None:
         'export',
         run,
         'write a recording as CSV or Parquet files, one per topic',
-        "mbd export bags/first --csv out/first\n  mbd export bags/first --parquet out/first --channel 'odom/*' --channel 'tire/*'",
+        "mbd export bags/first --csv out/first\n  mbd export bags/first --parquet out/first --channel 'odom/*' "
+        "--channel 'tire/*'",
     )
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
     parser.add_argument('--csv', metavar='DIR', type=Path, help='where to write <topic>.csv')
     parser.add_argument('--parquet', metavar='DIR', type=Path, help='where to write <topic>.parquet (extra `analysis`)')
-    parser.add_argument('--channel', metavar='PATTERN', action='append', default=[], help="only channels like 'odom/*' (repeatable)")
+    parser.add_argument(
+        '--channel', metavar='PATTERN', action='append', default=[], help="only channels like 'odom/*' (repeatable)"
+    )
     add_log_times(parser)
 
 
@@ -57,7 +60,13 @@ def run(args: argparse.Namespace) -> Result:
         'files': [str(f) for f in files],
         'messages': sum(run_.messages.values()),
         'topics': {
-            topic: {'messages': one.messages, 'rows': one.rows, 'left_out': one.equal, 'beside': one.beside, 'clock': one.clock}
+            topic: {
+                'messages': one.messages,
+                'rows': one.rows,
+                'left_out': one.equal,
+                'beside': one.beside,
+                'clock': one.clock,
+            }
             for topic, one in run_.accounts.items()
         },
         'passed_over': run_.passed,
@@ -69,7 +78,8 @@ def run(args: argparse.Namespace) -> Result:
     if others:
         shown = ', '.join(f.name for f in others[:3]) + (f' and {len(others) - 3} more' if len(others) > 3 else '')
         lines.append(
-            f'there before, and not of this export: {shown} in {others[0].parent}; give a new folder where they are of another run'
+            f'there before, and not of this export: {shown} in {others[0].parent}; give a new folder where they are of '
+            'another run'
         )
     return Result(data=data, text='\n'.join(lines))
 

@@ -27,16 +27,26 @@ def add(parsers: Any) -> None:
     what = 'show what a scene, a vehicle, a tire file (.tir) or a recording consists of'
     parser = declare(parsers, 'info', run, what, 'mbd info slider_crank\n  mbd info compact_fwd\n  mbd info bags/run')
     scene = add_scene(
-        parser, 'path of a scene, vehicle, tire file or recording, or a name in config/scenes, config/vehicles or (with .tir) config/tires'
+        parser,
+        'path of a scene, vehicle, tire file or recording, or a name in config/scenes, config/vehicles or (with .tir) '
+        'config/tires',
     )
     kinds = (names_of('scenes'), names_of('vehicles'), names_of('tires', '.tir'))
     offer(scene, lambda: [name for names in kinds for name in names()], files=True)
     parser.add_argument(
-        '--brief', action='store_true', help='leave out the figures of a vehicle and the errors of its level, which take seconds'
+        '--brief',
+        action='store_true',
+        help='leave out the figures of a vehicle and the errors of its level, which take seconds',
     )
     instead = parser.add_mutually_exclusive_group()
-    instead.add_argument('--urdf', metavar='FILE', type=Path, help='write the spanning tree as URDF, as the node publishes it')
-    instead.add_argument('--resolved', action='store_true', help='print the scene as one YAML text, with every include and --set in place')
+    instead.add_argument(
+        '--urdf', metavar='FILE', type=Path, help='write the spanning tree as URDF, as the node publishes it'
+    )
+    instead.add_argument(
+        '--resolved',
+        action='store_true',
+        help='print the scene as one YAML text, with every include and --set in place',
+    )
 
 
 def run(args: argparse.Namespace) -> Result:
@@ -53,7 +63,9 @@ def run(args: argparse.Namespace) -> Result:
         return _recording(args)
     scene = _scene(args.scene, args.overrides)
     if args.resolved:
-        return Result(data={'status': 'ok', 'scene': scene.name, 'resolved': scene.resolved}, text=scene.resolved.rstrip())
+        return Result(
+            data={'status': 'ok', 'scene': scene.name, 'resolved': scene.resolved}, text=scene.resolved.rstrip()
+        )
     compiling.tell(not args.json, scene.model)
     simulation = simulation_of(scene)
     if args.urdf is not None:
@@ -81,7 +93,10 @@ def run(args: argparse.Namespace) -> Result:
         level = simulation.level if args.brief else _with_errors(simulation.level, scene)
         data['level'], text = dataclasses.asdict(level), _level(level)
         if not (args.brief or _steered(scene)):
-            text += '\n\nno error sheet: its maneuvers impose the angle of the steering wheel, which the vehicle has no input for'
+            text += (
+                '\n\nno error sheet: its maneuvers impose the angle of the steering wheel, which the vehicle has '
+                'no input for'
+            )
     if not args.brief and is_vehicle(simulation.scene.model):
         data['figures'], figures = _figures(simulation.scene)
         text += figures
@@ -116,7 +131,9 @@ def _tire_file(args: argparse.Namespace) -> Result:
     path = find(args.scene, [*roots, *(root / 'tires' for root in roots)])
     if path is None:
         known = {file.name for root in roots for file in (root / 'tires').glob('*.tir')}
-        raise SceneError(f'tire {args.scene!r}: no such file, and no name in config/tires{suggestion(Path(args.scene).name, known)}')
+        raise SceneError(
+            f'tire {args.scene!r}: no such file, and no name in config/tires{suggestion(Path(args.scene).name, known)}'
+        )
     data = read_tir(path)
     found = receipt(data)
     said, turning = warnings(data), turn_slip_of(data, None)
@@ -130,7 +147,9 @@ def _tire_file(args: argparse.Namespace) -> Result:
         'receipt': [dataclasses.asdict(e) for e in found],
     }
     equations = f'{data.version // 10}.{data.version % 10}'
-    head = table([('tire', data.name), ('equations', equations), ('side', data.side), ('turn slip', turning), *_counts(found)])
+    head = table(
+        [('tire', data.name), ('equations', equations), ('side', data.side), ('turn slip', turning), *_counts(found)]
+    )
     return Result(data=object_ | {'warnings': said}, text='\n'.join([head, *said, '', table(rows)]))
 
 
@@ -143,7 +162,9 @@ def _recording(args: argparse.Namespace) -> Result:
         if given:
             raise SceneError(f'{args.scene}: {name} is for a scene, not for a recording')
     run = read(args.scene, ('cmd_applied/*',))
-    known: dict[str, Any] = {key: run.metadata[key] for key in ('scene', 'created', 'code_version', 'seed') if key in run.metadata}
+    known: dict[str, Any] = {
+        key: run.metadata[key] for key in ('scene', 'created', 'code_version', 'seed') if key in run.metadata
+    }
     verdict = run.metadata.get('status', 'unknown')
     duration = float(run.time[-1] - run.time[0]) if len(run.time) else 0.0
     data: dict[str, Any] = {'status': 'ok', 'verdict': verdict, **known, 'duration': duration}
@@ -168,7 +189,9 @@ def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
     distinct = {(t.data.source or t.data.name, t.turn_slip): t for t in scene.model.tires}
     for (name, _), tire in distinct.items():
         found, said = receipt(tire.data, turn_slip=tire.turn_slip), warnings(tire.data, tire.pressure)
-        wheels = [t.name for t in scene.model.tires if (t.data.source or t.data.name, t.turn_slip) == (name, tire.turn_slip)]
+        wheels = [
+            t.name for t in scene.model.tires if (t.data.source or t.data.name, t.turn_slip) == (name, tire.turn_slip)
+        ]
         said += [sentence for sentence in fit if sentence.partition(':')[0] in wheels]
         counts = ', '.join(f'{number} {"key" if number == "1" else "keys"} {fate}' for fate, number in _counts(found))
         text += f'\n\ntire {name} ({", ".join(wheels)}): {counts} (every one: mbd info FILE.tir, or --json)'
@@ -180,8 +203,8 @@ def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
 
 
 def _with_errors(level: LevelReport, scene: Scene) -> LevelReport:
-    """The report with the error sheet of a level, or of the full vehicle with switches off. It is measured once for a vehicle and takes
-    some seconds then. None of a vehicle whose steering wheel has no angle to impose."""
+    """The report with the error sheet of a level, or of the full vehicle with switches off. It is measured once for a
+    vehicle and takes some seconds then. None of a vehicle whose steering wheel has no angle to impose."""
     from solver.levels.error_sheet import error_sheet
 
     whole = scene.fidelity == 'full' and 'off' not in scene.switches.values()
@@ -209,7 +232,10 @@ def _level(level: LevelReport) -> str:
         [('not published',), *((name,) for name in level.absent)],
     ]
     found = level.errors or ()
-    errors = [(e.maneuver, e.quantity, f'{100.0 * e.rms:.2g} %', f'{100.0 * e.largest:.2g} %', f'{e.peak:.4g} {e.unit}') for e in found]
+    errors = [
+        (e.maneuver, e.quantity, f'{100.0 * e.rms:.2g} %', f'{100.0 * e.largest:.2g} %', f'{e.peak:.4g} {e.unit}')
+        for e in found
+    ]
     parts.append([('maneuver', 'quantity', 'RMS error', 'largest', 'of the peak'), *errors])
     return ''.join('\n\n' + table(rows) for rows in parts if len(rows) > 1)
 
@@ -265,7 +291,13 @@ def _figures(scene: Scene) -> tuple[dict[str, Any], str]:
             continue
         where = ranges[name]
         within = where.low <= found[name] <= where.high
-        data[name] = {'value': found[name], 'low': where.low, 'high': where.high, 'within': within, 'source': where.source}
+        data[name] = {
+            'value': found[name],
+            'low': where.low,
+            'high': where.high,
+            'within': within,
+            'source': where.source,
+        }
         low, high = (f'{x * factor:.4g}' for x in (where.low, where.high))
         rows.append((texts.get(name, text), shown, f'{low} to {high}', '' if within else 'OUTSIDE', where.source))
     others = {name: {'value': value} for name, value in found.items() if name not in data}

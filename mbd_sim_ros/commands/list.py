@@ -31,9 +31,12 @@ def add(parsers: Any) -> None:
     what = 'list scenes, vehicles, maneuvers, tires, roads, sweeps and studies, each with a line of what it is'
     parser = declare(parsers, 'list', run, what, 'mbd list scenes\n  mbd list vehicles tires --json')
     parser.description += (  # type: ignore[operator]
-        ' Files are those of the current directory (scenes/, vehicles/, ..., also below config/) and those that came with the program.'
+        ' Files are those of the current directory (scenes/, vehicles/, ..., also below config/) and those that came '
+        'with the program.'
     )
-    offer(parser.add_argument('kinds', metavar='KIND', nargs='*', help=f'{", ".join(USES)} (default: all)'), lambda: USES)
+    offer(
+        parser.add_argument('kinds', metavar='KIND', nargs='*', help=f'{", ".join(USES)} (default: all)'), lambda: USES
+    )
 
 
 def run(args: argparse.Namespace) -> Result:
@@ -51,7 +54,10 @@ def run(args: argparse.Namespace) -> Result:
         if kind == 'studies':
             found = _studies()
         else:
-            found = [{'name': e.name, 'text': e.text, 'file': str(e.file), 'include': e.include, 'own': _own(e)} for e in entries(kind)]
+            found = [
+                {'name': e.name, 'text': e.text, 'file': str(e.file), 'include': e.include, 'own': _own(e)}
+                for e in entries(kind)
+            ]
         data[kind] = found
         rows = [(f'  {one["name"]}', _line(one)) for one in found]
         parts.append(f'{kind}: {USES[kind]}\n' + (table(rows) if rows else '  none'))
@@ -65,7 +71,8 @@ def _studies() -> list[dict[str, Any]]:
 
 
 def _own(entry: Entry) -> bool:
-    """True of a file of the user: it was found from the current directory, and that is not the one that came with the program."""
+    """True of a file of the user: it was found from the current directory, and that is not the one that came with the
+    program."""
     from solver.files.search_path import CHECKOUT
 
     here = (Path.cwd() / entry.include, Path.cwd() / 'config' / entry.include)

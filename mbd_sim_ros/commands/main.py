@@ -1,4 +1,5 @@
-"""`mbd`: the command line. Exit code 0 only on success; every error is one sentence on stderr, in --json mode an object on stdout."""
+"""`mbd`: the command line. Exit code 0 only on success; every error is one sentence on stderr, in --json mode an object
+on stdout."""
 
 from __future__ import annotations
 
@@ -24,8 +25,8 @@ PROGRAM = __name__ == '__main__' or beginning.is_program('mbd')  # the process e
 
 if PROGRAM:
     interrupts.install(_say_early)
-    # What is computed at once is computed in processes. Threads of BLAS, two for a matrix of fifty rows, only wait for each other,
-    # and the longer the busier the machine is. numpy reads this when it is imported.
+    # What is computed at once is computed in processes. Threads of BLAS, two for a matrix of fifty rows, only wait for
+    # each other, and the longer the busier the machine is. numpy reads this when it is imported.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import argparse
@@ -61,7 +62,24 @@ from mbd_sim_ros.commands.colour import is_wanted, painted
 from solver.disk import plain
 from solver.errors import MbdError, missing, refused, suggestion
 
-COMMANDS = (listing, info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, schema, study, bench, compile)
+COMMANDS = (
+    listing,
+    info,
+    run,
+    plan,
+    maneuver,
+    sweep,
+    export,
+    compare,
+    evaluate,
+    view,
+    replay,
+    recover,
+    schema,
+    study,
+    bench,
+    compile,
+)
 USAGE_ERROR, INTERNAL_ERROR = 2, 70
 HELP = ('-h', '--help', '--version')
 OUTPUT = 'the output'  # what sentences call it
@@ -113,7 +131,9 @@ def parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    top.add_argument('--version', action=_Version, nargs=0, help='show which version this is, as recordings name it, and exit')
+    top.add_argument(
+        '--version', action=_Version, nargs=0, help='show which version this is, as recordings name it, and exit'
+    )
     parsers = top.add_subparsers(metavar='COMMAND', required=True, parser_class=Parser)
     for command in COMMANDS:
         command.add(parsers)
@@ -159,7 +179,9 @@ def _command(argv: Sequence[str] | None) -> int:
             except MbdError as error:
                 return _fail(out, str(error), error.exit_code, as_json)
             except KeyboardInterrupt as interrupt:
-                sentence, number = interrupt.args if len(interrupt.args) == 2 else (interrupts.sentence(), signal.SIGINT)
+                sentence, number = (
+                    interrupt.args if len(interrupt.args) == 2 else (interrupts.sentence(), signal.SIGINT)
+                )
                 code = interrupts.EXIT + number
                 with interrupts.saying() as mine:
                     return _fail(out, sentence, code, as_json) if mine else code
@@ -220,7 +242,8 @@ class _Output:
 
 @contextmanager
 def _output(as_json: bool) -> Iterator[_Output]:
-    """In --json mode nothing but the result reaches the standard output, whatever a library prints, in Python or in C."""
+    """In --json mode nothing but the result reaches the standard output, whatever a library prints, in Python or in
+    C."""
     out = _Output()
     if not as_json:
         yield out

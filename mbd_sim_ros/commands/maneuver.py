@@ -31,13 +31,18 @@ SAID: dict[str, Callable[[float], str]] = {
 def add(parsers: Any) -> None:
     """Declare the command."""
     help_ = 'drive the maneuver of a norm with a vehicle and judge it; without a name list them'
-    example = 'mbd maneuver iso4138 light_car --out out/iso4138\n  mbd maneuver fmvss126 full_car --set integrator.h=0.002 --json'
+    example = (
+        'mbd maneuver iso4138 light_car --out out/iso4138\n  mbd maneuver fmvss126 full_car --set '
+        'integrator.h=0.002 --json'
+    )
     parser = declare(parsers, 'maneuver', run, help_, example)
     name = parser.add_argument(
         'name', metavar='NAME', nargs='?', help='an evaluation (mbd evaluate --list), or a norm: all of its maneuvers'
     )
     offer(name, evaluations)
-    vehicle = parser.add_argument('vehicle', metavar='VEHICLE', nargs='?', help='path of a vehicle file, or a name in config/vehicles')
+    vehicle = parser.add_argument(
+        'vehicle', metavar='VEHICLE', nargs='?', help='path of a vehicle file, or a name in config/vehicles'
+    )
     offer(vehicle, names_of('vehicles'), files=True)
     parser.add_argument(
         '--out',
@@ -45,7 +50,10 @@ def add(parsers: Any) -> None:
         type=Path,
         help='for recordings and report.html (default: bags/NAME-VEHICLE); complete recordings there are used again',
     )
-    what = 'change one value of the scene (integrator.h=0.002), or a parameter of the evaluation in SI units (low=0.5); repeatable'
+    what = (
+        'change one value of the scene (integrator.h=0.002), or a parameter of the evaluation in SI units '
+        '(low=0.5); repeatable'
+    )
     add_settings(parser, what, '--with')
     parser.add_argument(
         '--no-error',
@@ -74,7 +82,9 @@ def run(args: argparse.Namespace) -> Result:
         return _driven(args, driving, evaluations, given)
 
 
-def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Evaluation], given: dict[str, float]) -> Result:
+def _driven(
+    args: argparse.Namespace, driving: Driving, evaluations: Sequence[Evaluation], given: dict[str, float]
+) -> Result:
     """Drive the maneuvers that are not recorded yet, judge all, write the report. Raises the error of the first if all
     fail."""
     from mbd_sim_ros.analysis.evaluation import judging
@@ -89,9 +99,14 @@ def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Ev
         try:
             places, before = driving.drive(evaluation)
             read = [(place, *judging.read(place)) for place in places]
-            judged = [judging.judge(evaluation, run, str(place), given, held=held, scene=scene) for place, run, held, scene in read]
+            judged = [
+                judging.judge(evaluation, run, str(place), given, held=held, scene=scene)
+                for place, run, held, scene in read
+            ]
             ends = () if args.no_error else {0, len(judged) - 1}  # of a series the first and the last run
-            judged = [with_intervals(evaluation, one, places[k], given) if k in ends else one for k, one in enumerate(judged)]
+            judged = [
+                with_intervals(evaluation, one, places[k], given) if k in ends else one for k, one in enumerate(judged)
+            ]
             said = driving.speed_note(evaluation)
             results += [dataclasses.replace(one, notes=(*one.notes, said)) for one in judged] if said else judged
         except MbdError as error:
@@ -103,8 +118,16 @@ def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Ev
         raise first
     about = [f'{driving.vehicle.stem}: runs driven now {driving.driven}, there already {driving.kept}']
     about += [f'{name}: {SAID[key](value)}' for name, before in found.items() for key, value in before.items()]
-    data = {'vehicle': str(driving.vehicle), 'out': str(directory), 'driven': driving.driven, 'kept': driving.kept, 'found': found}
-    result = report(results, html=directory / 'report.html', strict=args.strict, about=about, data=data, refused=refused)
+    data = {
+        'vehicle': str(driving.vehicle),
+        'out': str(directory),
+        'driven': driving.driven,
+        'kept': driving.kept,
+        'found': found,
+    }
+    result = report(
+        results, html=directory / 'report.html', strict=args.strict, about=about, data=data, refused=refused
+    )
     write_text(directory / 'report.json', json.dumps(plain(result.data), indent=1))
     return result
 
@@ -115,5 +138,8 @@ def _listed() -> Result:
 
     rows: list[tuple[str, ...]] = [('maneuver', '', 'speed', 'norm')]
     rows += [(e.name, e.title, f'{3.6 * e.drive.speed:.4g} km/h', e.norm.partition(' [')[0]) for e in EVALUATIONS]
-    data = [{'name': e.name, 'title': e.title, 'norm': e.norm, 'maneuver': e.drive.maneuver, 'speed': e.drive.speed} for e in EVALUATIONS]
+    data = [
+        {'name': e.name, 'title': e.title, 'norm': e.norm, 'maneuver': e.drive.maneuver, 'speed': e.drive.speed}
+        for e in EVALUATIONS
+    ]
     return Result(data={'status': 'ok', 'maneuvers': data}, text=table(rows))

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 RUNS, KNOWLEDGE = 'runs', 'vehicles'  # stores beside the kernels: runs of plans, and what they have learned
 BAR = '{percentage:3.0f}% |{bar:30}| {desc}'
-EVERY = 5.0  # s between two lines of progress where no terminal shows a bar; ten times as much looks as if nothing went on
+# s between two lines of progress where no terminal shows a bar; ten times as much looks as if nothing went on
+EVERY = 5.0
 
 
 def add(parsers: Any) -> None:
@@ -34,13 +35,16 @@ def add(parsers: Any) -> None:
         "mbd plan car_step_steer --set 'require.yaw_rate={rms: 2 %}' --out out/plan",
     )
     add_scene(parser)
-    parser.add_argument('--out', metavar='DIR', type=Path, help='directory of scene, certificate and page (default: out/plan/SCENE)')
+    parser.add_argument(
+        '--out', metavar='DIR', type=Path, help='directory of scene, certificate and page (default: out/plan/SCENE)'
+    )
     parser.add_argument('--workers', metavar='N', type=int, help='runs at a time (default: as many as there are cores)')
     parser.add_argument(
         '--time',
         metavar='SECONDS',
         type=float,
-        help='most that the plan may take, whatever it costs (default: ten times the CPU time of the full run, 170 s at most)',
+        help='most that the plan may take, whatever it costs (default: ten times the CPU time of the full run, 170 s '
+        'at most)',
     )
     parser.add_argument(
         '--unseen',
@@ -73,7 +77,8 @@ def run(args: argparse.Namespace) -> Result:
 
 
 class _Told:
-    """Progress: a bar on a terminal, else a line now and then; nothing with --json. First answers are lines in any case.
+    """Progress: a bar on a terminal, else a line now and then; nothing with --json. First answers are lines in any
+    case.
 
     begun: the scene is loaded; what is refused before that is one sentence alone.
     """
@@ -122,22 +127,31 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path, told: _Told, beg
     def answered(answer: Answer) -> None:
         used = f'; its errors take about {100.0 * answer.used:.2g} % of a limit' if answer.used == answer.used else ''
         about = f'{answer.setting}, about {answer.cost:.2g} of the cost of the full vehicle at 1 ms'
-        told.line(f'after {time.monotonic() - begin:.1f} s, from the {answer.basis}, not checked: {about} ({answer.why}{used})')
+        told.line(
+            f'after {time.monotonic() - begin:.1f} s, from the {answer.basis}, not checked: {about} '
+            f'({answer.why}{used})'
+        )
 
     interrupts.now(f'planning {scene.name}')
     with interrupts.held():  # a signal ends the runs, and what is known by then is told
         search = Search(
-            scene, workers=args.workers, longest=LONGEST if args.time is None else max(0.0, args.time - (time.monotonic() - begin)),
-            times=float('inf') if args.time else TIMES, startup=time.process_time(), unseen=args.unseen, progress=told.say, answer=answered,
+            scene, workers=args.workers,
+            longest=LONGEST if args.time is None else max(0.0, args.time - (time.monotonic() - begin)),
+            times=float('inf') if args.time else TIMES, startup=time.process_time(), unseen=args.unseen,
+            progress=told.say, answer=answered,
             ended=lambda: bool(interrupts.received()), keep_in=location() / RUNS, knowledge=location() / KNOWLEDGE,
         )  # fmt: skip
         told.begun = True
         data = plan(search)
         search.learn()
         if search.kept.found:
-            data['notes'].append(f'{search.kept.found} runs of earlier plans of this scene were taken from {location() / RUNS}')
+            data['notes'].append(
+                f'{search.kept.found} runs of earlier plans of this scene were taken from {location() / RUNS}'
+            )
         if data['status'] == INCOMPLETE:
-            data['notes'].append(f'the same command goes on where this plan ended: its runs are kept in {location() / RUNS}')
+            data['notes'].append(
+                f'the same command goes on where this plan ended: its runs are kept in {location() / RUNS}'
+            )
         if data['status'] == OK and not interrupts.received() and not search.allowance.late():
             _time(scene, data)
             data['price'] |= plain(price_of(search, search.result.setting if search.result else None))  # with that time
@@ -147,7 +161,8 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path, told: _Told, beg
             data['notes'].append('the certified plan of this scene that is kept stays: fidelity: auto takes that')
         elif not keep(scene, data):
             data['notes'].append(
-                f'the plan cannot be kept in {location()}, so fidelity: auto does not find it; simulate the scene.yaml that is written, or '
+                f'the plan cannot be kept in {location()}, so fidelity: auto does not find it; simulate the scene.yaml '
+                'that is written, or '
                 'plan anew with MBD_CACHE_DIR set to a place that can be written'
             )
         try:
@@ -158,13 +173,15 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path, told: _Told, beg
             write_text(out / 'certificate.json', json.dumps(data, indent=1, allow_nan=False) + '\n')
             write_page(search, data, out / 'plan.html')
         except OSError as error:
-            raise BagError(f'{error.filename or out}: cannot be written: {error.strerror}; choose another directory with --out') from None
+            raise BagError(
+                f'{error.filename or out}: cannot be written: {error.strerror}; choose another directory with --out'
+            ) from None
     return data
 
 
 def _time(scene: Scene, data: dict[str, Any]) -> None:
-    """Add what `mbd run` shows of the scene that was found. One that is slower there than every run has to be is no plan: the run would be
-    suspect."""
+    """Add what `mbd run` shows of the scene that was found. One that is slower there than every run has to be is no
+    plan: the run would be suspect."""
     from solver.levels.auto import chosen
     from solver.trade.certificate import NO
 
@@ -174,12 +191,14 @@ def _time(scene: Scene, data: dict[str, Any]) -> None:
         data['status'] = NO
         steps = data['cost']['real_time_factor']
         data['give'].append(
-            f'mbd run shows {run_["recorded"]:.3g} times real time, {run_["unrecorded"]:.3g} with --no-record (steps alone: {steps:.3g}); '
+            f'mbd run shows {run_["recorded"]:.3g} times real time, {run_["unrecorded"]:.3g} with --no-record (steps '
+            f'alone: {steps:.3g}); '
             f'require.real_time_factor_min asks for {least:g}'
         )
     elif least is not None and run_['recorded'] < least:
         data['notes'].append(
-            f'require.real_time_factor_min = {least:g} is kept with --no-record ({run_["unrecorded"]:.3g} times real time), not with the '
+            f'require.real_time_factor_min = {least:g} is kept with --no-record ({run_["unrecorded"]:.3g} times real '
+            'time), not with the '
             f'recording ({run_["recorded"]:.3g})'
         )
 
@@ -230,7 +249,10 @@ def describe(data: dict[str, Any]) -> str:
 def first_answers(data: dict[str, Any]) -> list[str]:
     """First answers, when they came, and whether the last one is the same."""
     words = {True: 'the same level and step', False: 'another level or step', None: 'not checked'}
-    return [f'{one["setting"]} after {one["after"]:.1f} s ({one["basis"]}): {words[one["agrees"]]}' for one in data.get('first', ())]
+    return [
+        f'{one["setting"]} after {one["after"]:.1f} s ({one["basis"]}): {words[one["agrees"]]}'
+        for one in data.get('first', ())
+    ]
 
 
 def price(found: dict[str, Any]) -> str:

@@ -18,7 +18,9 @@ def add(parsers: Any) -> None:
         'copy every complete chunk of a recording that was cut off, damaged or split into several files into a new bag',
         'mbd recover bags/killed bags/saved',
     )
-    parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory, also with several files, or .mcap(.part) file')
+    parser.add_argument(
+        'bag', metavar='BAG', type=Path, help='bag directory, also with several files, or .mcap(.part) file'
+    )
     parser.add_argument('new', metavar='NEW', type=Path, help='new bag directory')
 
 
@@ -38,7 +40,11 @@ def run(args: argparse.Namespace) -> Result:
         'lost': saved.lost,
         'not_copied': saved.left_out,
     }
-    whole = 'the recording was whole' if saved.complete else f'the recording was cut off or damaged: {"; ".join(saved.damage)}'
+    whole = (
+        'the recording was whole'
+        if saved.complete
+        else f'the recording was cut off or damaged: {"; ".join(saved.damage)}'
+    )
     lines = [f'{saved.messages} messages, {data["start"]:g} to {data["end"]:g} s, saved in {saved.directory} ({whole})']
     lines += [f'not copied: {topic}: {why}' for topic, why in saved.left_out.items()]
     return Result(data=data, text='\n'.join(lines))

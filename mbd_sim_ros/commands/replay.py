@@ -1,6 +1,7 @@
 """mbd replay: run the scene in a recording again with the inputs as they were applied.
 
-Unchanged, every message must come out the same. With other settings or another vehicle the channels of both runs are compared.
+Unchanged, every message must come out the same. With other settings or another vehicle the channels of both runs are
+compared.
 """
 
 from __future__ import annotations
@@ -51,7 +52,9 @@ def run(args: argparse.Namespace) -> Result:
     before = content(args.bag)
     if args.scene is not None:
         if before.metadata.get('resolved_scene', '') or not before.published:
-            raise BagError(f'--scene {args.scene}: {args.bag} holds its own scene; leave it out, or change it with --set')
+            raise BagError(
+                f'--scene {args.scene}: {args.bag} holds its own scene; leave it out, or change it with --set'
+            )
         before.metadata['resolved_scene'] = load_published(args.scene).resolved
     applied = inputs_of(before)
     if not before.metadata.get('resolved_scene', ''):
@@ -59,9 +62,14 @@ def run(args: argparse.Namespace) -> Result:
         raise BagError(f'{args.bag} cannot be replayed: it does not hold its scene{more}')
     if applied.first and before.state is None:
         more = (
-            '; start `ros2 bag record` while the node is paused at its start, or record with ~/start_recording' if before.published else ''
+            '; start `ros2 bag record` while the node is paused at its start, or record with ~/start_recording'
+            if before.published
+            else ''
         )
-        raise BagError(f'{args.bag} cannot be replayed: it begins with step {applied.first + 1} and does not hold the state there{more}')
+        raise BagError(
+            f'{args.bag} cannot be replayed: it begins with step {applied.first + 1} and does not hold the state '
+            f'there{more}'
+        )
     changed = bool(args.overrides or args.vehicle or args.fidelity)
     with ExitStack() as stack:
         directory = args.out or stack.enter_context(interrupts.scratch('mbd-replay-')) / 'replay'
@@ -86,12 +94,17 @@ def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory
     from solver.engine.stepping import KINDS
     from solver.files.scene import load_scene_text
 
-    scene = load_scene_text(before.metadata['resolved_scene'], f'scene in {args.bag}', _own_start(args.bag, before, applied))
+    scene = load_scene_text(
+        before.metadata['resolved_scene'], f'scene in {args.bag}', _own_start(args.bag, before, applied)
+    )
     compiling.tell(not args.json, scene.model)
     simulation = simulation_of(scene)
     own = scene.integrator.kind in KINDS  # the others follow the maneuver of the scene at any time they like
     if applied.first and not own:
-        raise BagError(f'{args.bag} cannot be replayed bit by bit: integrator {scene.integrator.kind} does not go on from a saved state so')
+        raise BagError(
+            f'{args.bag} cannot be replayed bit by bit: integrator {scene.integrator.kind} does not go on from a saved '
+            'state so'
+        )
     prefix = str(before.parameters.get('frame_prefix', ''))
     source = applied.source(simulation.channels.inputs) if own else None
     simulate(
@@ -119,19 +132,25 @@ def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory
     }
     if not unequal:
         steps = f'{data["steps"]} steps' + (f' from step {applied.first} on' if applied.first else '')
-        return Result(data=data, text=f'identical: {steps}, {data["messages"]} messages of {len(before.outputs)} topics')
+        return Result(
+            data=data, text=f'identical: {steps}, {data["messages"]} messages of {len(before.outputs)} topics'
+        )
     found = compare(bag.read(directory), bag.read(args.bag), exact=True)
     result = report(found)
     data |= {'outside': result.data['outside'] or unequal, 'channels': result.data['channels']}
     hint = '' if same_code else '\nthe recording was made by another version of the solver'
     if elsewhere:
-        hint += f'\nthe same bits cannot be expected, because the recording was made on another target: {"; ".join(elsewhere)}'
+        hint += (
+            '\nthe same bits cannot be expected, because the recording was made on another target: '
+            f'{"; ".join(elsewhere)}'
+        )
     topics = f'topics that differ: {", ".join(unequal)}\n'
     return Result(data=data, text=topics + result.text + hint, code=1)
 
 
 def _of_topics(args: argparse.Namespace, before: Content, applied: Inputs) -> Result:
-    """A recording of the topics of the node: every message must be the bytes that its step has, of whichever topics were recorded."""
+    """A recording of the topics of the node: every message must be the bytes that its step has, of whichever topics
+    were recorded."""
     from mbd_sim_ros import compiling, interrupts
     from mbd_sim_ros.batch import simulate, warm_up
     from mbd_sim_ros.messages.encode import Messages
@@ -144,13 +163,17 @@ def _of_topics(args: argparse.Namespace, before: Content, applied: Inputs) -> Re
     scene = load_scene_text(before.metadata['resolved_scene'], name, _own_start(args.bag, before, applied))
     if applied.last and scene.integrator.h_ns != applied.h_ns:
         raise SpecError(
-            f'{args.bag} was recorded with a step of {applied.h_ns * 1e-9:g} s, and that of {name} is {scene.integrator.h_ns * 1e-9:g} s: '
+            f'{args.bag} was recorded with a step of {applied.h_ns * 1e-9:g} s, and that of {name} is '
+            f'{scene.integrator.h_ns * 1e-9:g} s: '
             'it is another scene, or had overrides'
         )
     compiling.tell(not args.json, scene.model)
     simulation = simulation_of(scene)
     if {*applied.rows} != {*simulation.channels.inputs}:
-        raise SpecError(f'{args.bag} has the inputs {", ".join(applied.rows)}, and {name} has {", ".join(simulation.channels.inputs)}')
+        raise SpecError(
+            f'{args.bag} has the inputs {", ".join(applied.rows)}, and {name} has '
+            f'{", ".join(simulation.channels.inputs)}'
+        )
     source = applied.source(simulation.channels.inputs)
     prefix = str(before.parameters.get('frame_prefix', ''))
     if args.out is not None:
@@ -196,17 +219,23 @@ def _of_topics(args: argparse.Namespace, before: Content, applied: Inputs) -> Re
     elif not same_code:
         lines.append('the recording was made by another version of the solver')
     if elsewhere:
-        lines.append(f'the same bits cannot be expected, because the recording was made on another target: {"; ".join(elsewhere)}')
+        lines.append(
+            'the same bits cannot be expected, because the recording was made on another target: '
+            f'{"; ".join(elsewhere)}'
+        )
     if found.later(first.t_ns):
-        lines.append('a car that was placed meanwhile (initialpose) goes on elsewhere: such a run is replayed from ~/start_recording')
+        lines.append(
+            'a car that was placed meanwhile (initialpose) goes on elsewhere: such a run is replayed from '
+            '~/start_recording'
+        )
     return Result(data=data, text='\n'.join(lines), code=1)
 
 
 class Compared:
     """Messages of a recording of topics beside those that a replay makes of the same steps.
 
-    equal: topic -> messages that are the same bytes. A paused node publishes its state again, all topics and bodies, whatever is due:
-    a message may be that too. Messages that belong to no step of the replay are counted.
+    equal: topic -> messages that are the same bytes. A paused node publishes its state again, all topics and bodies,
+    whatever is due: a message may be that too. Messages that belong to no step of the replay are counted.
     """
 
     def __init__(self, before: Content) -> None:
@@ -257,13 +286,20 @@ class Compared:
     def told(self) -> list[str]:
         """Parts that were not compared, a sentence each."""
         rest = {topic: sum(map(len, left.values())) for topic, left in self._left.items() if left}
-        texts = [f'topic {topic}: {count} messages of another publisher are not compared' for topic, count in self._others.items()]
-        texts += [f'topic {topic}: {count} messages at instants of no step in the replay are not compared' for topic, count in rest.items()]
+        texts = [
+            f'topic {topic}: {count} messages of another publisher are not compared'
+            for topic, count in self._others.items()
+        ]
+        texts += [
+            f'topic {topic}: {count} messages at instants of no step in the replay are not compared'
+            for topic, count in rest.items()
+        ]
         return texts
 
 
 def _own_start(where: Path, before: Content, applied: Inputs) -> list[str]:
-    """Overrides so that the scene starts with what was applied at its start, where its own maneuver is a recording that may be gone."""
+    """Overrides so that the scene starts with what was applied at its start, where its own maneuver is a recording that
+    may be gone."""
     from solver.files.scene import load_scene_text
 
     scene = load_scene_text(before.metadata['resolved_scene'], f'scene in {where}')
@@ -280,7 +316,8 @@ def _maneuver(where: Path, applied: Inputs) -> list[str]:
 
 
 def different_topics(before: Content, after: Content, *, lost: bool = False) -> list[str]:
-    """Topics whose messages are not the same bytes at the same instants. lost: the recording may lack instants of the replay."""
+    """Topics whose messages are not the same bytes at the same instants. lost: the recording may lack instants of the
+    replay."""
     found = []
     for name in sorted(before.outputs.keys() | after.outputs.keys()):
         ours, theirs = before.outputs.get(name, {}), after.outputs.get(name, {})
@@ -308,10 +345,13 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
     for given in args.overrides:
         section = given.partition('=')[0].partition('.')[0].strip()
         if section in ('duration', 'maneuver'):
-            raise SpecError(f'--set {given}: a replay keeps the inputs and the duration of its recording; change them with mbd run')
+            raise SpecError(
+                f'--set {given}: a replay keeps the inputs and the duration of its recording; change them with mbd run'
+            )
         if section == 'start' and before.state is not None:
             raise SpecError(
-                f'--set {given}: {args.bag} begins with a saved state, so start has no effect; replay a recording that begins at the start'
+                f'--set {given}: {args.bag} begins with a saved state, so start has no effect; replay a recording that '
+                'begins at the start'
             )
     text, name = before.metadata['resolved_scene'], f'scene in {args.bag}'
     first = load_scene_text(text, name, overrides)
@@ -327,7 +367,8 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
         if h_ns != applied.h_ns or args.vehicle or args.fidelity:
             raise SpecError(
                 f'{args.bag} begins before step {applied.first + 1} with a saved state, which fits a step of '
-                f'{applied.h_ns * 1e-9:g} s, its vehicle and its level only; keep all three, or replay a recording that begins at the start'
+                f'{applied.h_ns * 1e-9:g} s, its vehicle and its level only; keep all three, or replay a recording '
+                'that begins at the start'
             )
         figures = simulate(
             simulation, applied.last, directory=directory, progress=not args.json, state=before.state,
@@ -345,15 +386,22 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
         'real_time_factor': figures['real_time_factor'],
         'interpolated': found.interpolated,
         'instants': found.instants,
-        'channels': {d.channel: {'max': d.max, 'rms': d.rms, 'time_of_max': d.time, 'scale': d.scale} for d in found.differences},
+        'channels': {
+            d.channel: {'max': d.max, 'rms': d.rms, 'time_of_max': d.time, 'scale': d.scale} for d in found.differences
+        },
         'left_out': list(found.left_out),
         'doubts': doubts,
         'out': None if args.out is None else str(args.out),
     }
     rows = [('channel', 'unit', 'max', 'at [s]', 'rms', 'scale')]
-    rows += [(d.channel, d.unit, f'{d.max:.3g}', f'{d.time:.6g}', f'{d.rms:.3g}', f'{d.scale:.3g}') for d in found.differences[:SHOWN]]
+    rows += [
+        (d.channel, d.unit, f'{d.max:.3g}', f'{d.time:.6g}', f'{d.rms:.3g}', f'{d.scale:.3g}')
+        for d in found.differences[:SHOWN]
+    ]
     more = len(found.differences) - SHOWN
     lines = about(found, ['replay', str(args.bag)], {}, doubts=doubts)
     lines += [table(rows)] + ([f'... and {more} channels that differ less'] if more > 0 else [])
-    lines.append(f'differences from {args.bag} at {found.instants} instants' + (' (interpolated)' if found.interpolated else ''))
+    lines.append(
+        f'differences from {args.bag} at {found.instants} instants' + (' (interpolated)' if found.interpolated else '')
+    )
     return Result(data=data, text='\n'.join(lines))

@@ -31,20 +31,32 @@ FIGURES = {
 def add(parsers: Any) -> None:
     """Declare the command."""
     parser = declare(
-        parsers, 'run', run, 'simulate a scene and record it', 'mbd run slider_crank --set integrator.h=0.002 --out bags/coarse'
+        parsers,
+        'run',
+        run,
+        'simulate a scene and record it',
+        'mbd run slider_crank --set integrator.h=0.002 --out bags/coarse',
     )
     add_scene(parser)
     add_keys(parser, *KEYS)
-    parser.add_argument('--balance', action='store_true', help='also give the energy balance of every kind of element, and of momentum')
+    parser.add_argument(
+        '--balance', action='store_true', help='also give the energy balance of every kind of element, and of momentum'
+    )
     error = parser.add_mutually_exclusive_group()
     error.add_argument(
-        '--no-error', action='store_true', help='do not measure the numerical error, which takes half the steps again; the verdict says so'
+        '--no-error',
+        action='store_true',
+        help='do not measure the numerical error, which takes half the steps again; the verdict says so',
     )
     error.add_argument(
-        '--accuracy', action='store_true', help='also measure errors by their origin (model, step, iteration) against a converged reference'
+        '--accuracy',
+        action='store_true',
+        help='also measure errors by their origin (model, step, iteration) against a converged reference',
     )
     where = parser.add_mutually_exclusive_group()
-    where.add_argument('--out', metavar='DIR', type=Path, help='new directory for the recording (default: bags/<scene>-<date>)')
+    where.add_argument(
+        '--out', metavar='DIR', type=Path, help='new directory for the recording (default: bags/<scene>-<date>)'
+    )
     where.add_argument('--no-record', action='store_true', help='record nothing')
 
 
@@ -76,7 +88,10 @@ def run(args: argparse.Namespace) -> Result:
         from solver.levels.auto import certificate_of
 
         certificate = certificate_of(scene)
-        data['accuracy'] = {'required': [*scene.require.accuracy], 'certificate': None if certificate is None else certificate.hash}
+        data['accuracy'] = {
+            'required': [*scene.require.accuracy],
+            'certificate': None if certificate is None else certificate.hash,
+        }
     by_origin = ''
     if args.accuracy:
         data['origins'], by_origin = _origins(scene)
@@ -103,7 +118,8 @@ def _origins(scene: Scene) -> tuple[dict[str, Any], str]:
 
 
 def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, Any]] = ()) -> str:
-    """The figures of a run for people. start: what it changed of what is given. covered: findings that the certificate of a plan covers."""
+    """The figures of a run for people. start: what it changed of what is given. covered: findings that the certificate
+    of a plan covers."""
     rows = [('verdict', data['status']), ('start', start)]
     rows.append(('error', data['error_text']))
     rows += [(key.replace('_', ' '), _shown(data[key], form)) for key, form in FIGURES.items() if key in data]
@@ -113,7 +129,12 @@ def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, An
     if data['out']:
         rows.append(('recorded in', data['out']))
     for kind, energies in data.get('energy_by_kind', {}).items():
-        rows.append((f'energy of {kind.replace("_", " ")}', ', '.join(f'{name} {value:.4g} J' for name, value in energies.items())))
+        rows.append(
+            (
+                f'energy of {kind.replace("_", " ")}',
+                ', '.join(f'{name} {value:.4g} J' for name, value in energies.items()),
+            )
+        )
     if 'accuracy' in data:
         from solver.findings import Finding
 
@@ -121,7 +142,10 @@ def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, An
         proof = (
             f'certified by plan {certificate}'
             if certificate
-            else 'a run checks its numerical error alone, not that of the model, and no plan certifies these settings (mbd plan)'
+            else (
+                'a run checks its numerical error alone, not that of the model, and no plan certifies these settings '
+                '(mbd plan)'
+            )
         )
         rows.append(('accuracy', f'required of {required}: {proof}'))
         rows += [('note', Finding(**found).covered_for(required)) for found in covered]
@@ -138,7 +162,9 @@ def _explained(data: dict[str, Any]) -> list[tuple[str, str]]:
 
     if any(found['quantity'] == NUMERICAL_ERROR.name for found in data['findings']):
         return [('because', found['text']) for found in data['explaining']]
-    return [('note', f'{Finding(**found).fact}: the numerical error is small all the same') for found in data['explaining']]
+    return [
+        ('note', f'{Finding(**found).fact}: the numerical error is small all the same') for found in data['explaining']
+    ]
 
 
 def _shown(value: float, form: str) -> str:

@@ -9,7 +9,10 @@ from mbd_sim_ros.commands import names_of, offer
 KEYS = {
     'vehicle': ('FILE', 'another vehicle: a path, or a name in config/vehicles'),
     'maneuver': ('FILE', 'another maneuver: a path, or a name in config/maneuvers'),
-    'fidelity': ('LEVEL', 'another level of detail: full, condensed, kc, single_track, or auto: as the scene is planned'),
+    'fidelity': (
+        'LEVEL',
+        'another level of detail: full, condensed, kc, single_track, or auto: as the scene is planned',
+    ),
     'duration': ('SECONDS', 'simulated time instead of the duration in the scene'),
 }
 LEVELS = ('full', 'condensed', 'kc', 'single_track', 'auto')
@@ -20,7 +23,9 @@ def add_keys(parser: argparse.ArgumentParser, *keys: str, does: str = '') -> Non
     """Declare options for these keys of KEYS. does: what else they do."""
     for key in keys:
         name, text = KEYS[key]
-        action = parser.add_argument(f'--{key}', metavar=name, type=float if key == 'duration' else str, help=text + does)
+        action = parser.add_argument(
+            f'--{key}', metavar=name, type=float if key == 'duration' else str, help=text + does
+        )
         if key in FOLDERS:
             offer(action, names_of(FOLDERS[key]), files=True)
         elif key == 'fidelity':
@@ -42,5 +47,7 @@ def overrides_of(args: argparse.Namespace) -> list[str]:
         key, *parts = keys_of(override.partition('=')[0]) or ('',)
         if key in given and not parts:
             raise SpecError(f'--set {override}: --{key} is given too; keep one of them')
-    values = {key: included(find_file(value, FOLDERS[key])) if key in FOLDERS else value for key, value in given.items()}
+    values = {
+        key: included(find_file(value, FOLDERS[key])) if key in FOLDERS else value for key, value in given.items()
+    }
     return [*(f'{key}={value}' for key, value in values.items()), *args.overrides]

@@ -43,4 +43,7 @@ def run(args: argparse.Namespace) -> Result:
                 part.write_text(text, encoding='utf-8')
     except OSError as error:
         raise BagError(f'--out {args.out}: {error.strerror}; choose another place') from None
-    return Result(data={'status': 'ok', 'files': [str(args.out / name) for name in written]}, text=f'{len(written)} files in {args.out}')
+    return Result(
+        data={'status': 'ok', 'files': [str(args.out / name) for name in written]},
+        text=f'{len(written)} files in {args.out}',
+    )

@@ -39,11 +39,25 @@ def add(parsers: Any) -> None:
     scene = parser.add_argument('scene', metavar='SCENE', nargs='?', help=f'of the study trade: {SCENE_HELP}')
     offer(scene, names_of('scenes'), files=True)
     add_settings(parser)
-    parser.add_argument('--workers', metavar='N', type=int, help='of the study trade: runs at a time (default: as many as there are cores)')
-    parser.add_argument('--out', metavar='DIR', type=Path, help='directory of the report (default: out/NAME, or out/NAME/SCENE)')
+    parser.add_argument(
+        '--workers',
+        metavar='N',
+        type=int,
+        help='of the study trade: runs at a time (default: as many as there are cores)',
+    )
+    parser.add_argument(
+        '--out', metavar='DIR', type=Path, help='directory of the report (default: out/NAME, or out/NAME/SCENE)'
+    )
     parser.add_argument('--quick', action='store_true', help='a few runs only: for a first look, not for conclusions')
-    parser.add_argument('--n', metavar='N', type=int, help='of a study that draws samples (mechanisms, verdicts, change_points): how many')
-    parser.add_argument('--seed', metavar='SEED', type=int, help='of a study that draws samples: of their series (default: 0)')
+    parser.add_argument(
+        '--n',
+        metavar='N',
+        type=int,
+        help='of a study that draws samples (mechanisms, verdicts, change_points): how many',
+    )
+    parser.add_argument(
+        '--seed', metavar='SEED', type=int, help='of a study that draws samples: of their series (default: 0)'
+    )
     parser.add_argument('--strict', action='store_true', help='exit code 1 when a check is not met')
 
 
@@ -85,14 +99,20 @@ def run(args: argparse.Namespace) -> Result:
         'missed': missed,
         **figures,
     }
-    rows = [(c['name'], f'{c["value"]:.3g}', f'{c["limit"]:.3g}', '' if c['met'] else 'NOT MET') for c in figures['checks']]
-    text = [table([('check', 'value', 'limit', ''), *rows]), f'{len(missed)} of {len(rows)} checks not met', f'report: {out / "report.md"}']
+    rows = [
+        (c['name'], f'{c["value"]:.3g}', f'{c["limit"]:.3g}', '' if c['met'] else 'NOT MET') for c in figures['checks']
+    ]
+    text = [
+        table([('check', 'value', 'limit', ''), *rows]),
+        f'{len(missed)} of {len(rows)} checks not met',
+        f'report: {out / "report.md"}',
+    ]
     return Result(data=data, text='\n'.join(text if rows else text[-1:]), code=1 if failed else 0)
 
 
 def _options(args: argparse.Namespace) -> dict[str, Any]:
-    """Scene and workers of a study that wants a scene, n and seed of one that draws samples. Raises SpecError where a scene is missing, or
-    one of them is given to another study."""
+    """Scene and workers of a study that wants a scene, n and seed of one that draws samples. Raises SpecError where a
+    scene is missing, or one of them is given to another study."""
     from mbd_sim_ros.lab import studies
     from solver.errors import SpecError
     from solver.files.scene import load_scene

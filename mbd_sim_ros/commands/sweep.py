@@ -38,14 +38,22 @@ the file (docs/sweeps.md):
 
 def add(parsers: Any) -> None:
     """Declare the command."""
-    parser = declare(parsers, 'sweep', run, 'run a scene many times with other values, on all cores or on a cluster', EXAMPLE)
+    parser = declare(
+        parsers, 'sweep', run, 'run a scene many times with other values, on all cores or on a cluster', EXAMPLE
+    )
     file = parser.add_argument('file', metavar='FILE', type=Path, help='what to vary and what to keep')
     offer(file, names_of('sweeps'), files=True)
     parser.add_argument(
-        '--out', metavar='DIR', type=Path, required=True, help='where rows, table, report and bags go; what is there is kept'
+        '--out',
+        metavar='DIR',
+        type=Path,
+        required=True,
+        help='where rows, table, report and bags go; what is there is kept',
     )
     parser.add_argument('--workers', metavar='N', type=int, help='processes of this machine (default: one per core)')
-    parser.add_argument('--scheduler', metavar='ADDRESS', help='of a running Dask cluster, instead of processes of this machine')
+    parser.add_argument(
+        '--scheduler', metavar='ADDRESS', help='of a running Dask cluster, instead of processes of this machine'
+    )
 
 
 def run(args: argparse.Namespace) -> Result:
@@ -75,12 +83,14 @@ def _swept(args: argparse.Namespace, sweep: Sweep, run_cases: Callable[[Sequence
     values = cases(sweep)
     base = load_scene(sweep.scene, sweep.set)
     try:
-        first, keys = load_scene_and_units(base.resolved, base.name, overrides_of(values[0]))  # wrong keys are told before anything runs
+        # wrong keys are told before anything runs
+        first, keys = load_scene_and_units(base.resolved, base.name, overrides_of(values[0]))
     except MbdError as error:
         raise SceneError(f'{args.file}: parameters: {str(error).removeprefix("--set ")}') from None
     if 'real_time_factor_min' in first.require.limits:
         raise SceneError(
-            f'{args.file}: require.real_time_factor_min: rows do not depend on the machine, so it is not judged in a sweep; '
+            f'{args.file}: require.real_time_factor_min: rows do not depend on the machine, so it is not judged in a '
+            'sweep; '
             'add require.real_time_factor_min=null to set, and judge it with mbd run'
         )
     units = units_of(sweep, published(first.model), keys)
@@ -90,7 +100,11 @@ def _swept(args: argparse.Namespace, sweep: Sweep, run_cases: Callable[[Sequence
 
 
 def _rows(
-    args: argparse.Namespace, sweep: Sweep, values: list[Values], base: Scene, run_cases: Callable[[Sequence[SweepCase]], Iterator[Row]]
+    args: argparse.Namespace,
+    sweep: Sweep,
+    values: list[Values],
+    base: Scene,
+    run_cases: Callable[[Sequence[SweepCase]], Iterator[Row]],
 ) -> list[Row]:
     """The rows of all cases, in their order."""
     from tqdm import tqdm
@@ -123,7 +137,9 @@ def _rows(
     interrupts.now(f'sweeping {sweep.scene}; what is done is kept in {args.out}, the same command goes on')
     rows: list[Row] = []
     coming = run_cases(todo)
-    for row in tqdm(coming, total=len(todo), unit='case', desc=sweep.scene, disable=True if args.json else None, leave=False):
+    for row in tqdm(
+        coming, total=len(todo), unit='case', desc=sweep.scene, disable=True if args.json else None, leave=False
+    ):
         if not rows:
             get_ready()  # all others are at work
         rows.append(row)
@@ -140,18 +156,26 @@ def _twin(sweep: Sweep, case: int, count: int) -> Literal['', 'told', 'decides']
 
 
 def _errors(sweep: Sweep, errors: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Numerical errors of the cases in which they were measured: how many, the sentence on the worst, and the largest of every figure."""
+    """Numerical errors of the cases in which they were measured: how many, the sentence on the worst, and the largest
+    of every figure."""
     found = [one for one in errors if one]
     of = {name: [one['figures'][name] for one in found if one['figures'][name] is not None] for name in sweep.figures}
     worst = max(found, key=lambda one: one['share'], default={'text': ''})
-    return {'cases': len(found), 'worst': worst['text'], 'figures': {name: max(some) if some else None for name, some in of.items()}}
+    return {
+        'cases': len(found),
+        'worst': worst['text'],
+        'figures': {name: max(some) if some else None for name, some in of.items()},
+    }
 
 
 def _told(errors: dict[str, Any], count: int) -> str:
     if not errors['cases']:
         return 'numerical error: not measured'
     largest = ', '.join(f'{name} {value:.2g}' for name, value in errors['figures'].items() if value is not None)
-    return f'numerical error, measured in {errors["cases"]} of {count} cases: at most {largest}. The worst: {errors["worst"]}'
+    return (
+        f'numerical error, measured in {errors["cases"]} of {count} cases: at most {largest}. The worst: '
+        f'{errors["worst"]}'
+    )
 
 
 def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dict[str, str]) -> Result:
@@ -163,7 +187,9 @@ def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dic
     errors = [row.pop(ERRORS, {}) for row in rows]
     indices = sensitivities(sweep, rows)
     file = write_table(rows, args.out)
-    report = write_report(sweep, rows, indices, units, args.out, f'{sweep.scene}: {len(rows)} cases, {sweep.design.kind}')
+    report = write_report(
+        sweep, rows, indices, units, args.out, f'{sweep.scene}: {len(rows)} cases, {sweep.design.kind}'
+    )
     write_text(args.out / 'sweep.json', json.dumps(dataclasses.asdict(sweep), indent=1))
     counts = {status: sum(row['status'] == status for row in rows) for status in ('ok', 'suspect', 'error')}
     data = {
@@ -175,11 +201,17 @@ def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dic
         'sensitivities': indices,
         'errors': _errors(sweep, errors),
     }
-    lines = [f'{len(rows)} cases: ' + ', '.join(f'{n} {status}' for status, n in counts.items()), f'{file}', f'{report}']
+    lines = [
+        f'{len(rows)} cases: ' + ', '.join(f'{n} {status}' for status, n in counts.items()),
+        f'{file}',
+        f'{report}',
+    ]
     lines.append(_told(data['errors'], len(rows)))
     for figure, found in indices.items():
         keys = list(next(iter(found.values())))
-        lines.append(table([(figure, *keys), *((name, *(f'{one[key]:.4g}' for key in keys)) for name, one in found.items())]))
+        lines.append(
+            table([(figure, *keys), *((name, *(f'{one[key]:.4g}' for key in keys)) for name, one in found.items())])
+        )
         lines += [f'{figure}: {doubt}'] if (doubt := known_to(sweep, found)) else []
     lines += [reason for figure in sweep.figures if (reason := no_indices(sweep, rows, figure))]
     return Result(data=data, text='\n'.join(lines), code=0 if counts['error'] < len(rows) else 1)

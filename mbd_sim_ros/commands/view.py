@@ -26,7 +26,7 @@ EXAMPLE = """mbd view bags/first --out out/first.html
   mbd view bags/first --out out/first.png --at 1.5
   mbd view bags/first --out out/first.mp4 --speed 0.5
   mbd view bags/first --out out/first.json             # a layout for Foxglove
-  mbd view bags/first --rerun                          # in the viewer of Rerun; --out out/first.rrd for another machine"""
+  mbd view bags/first --rerun                          # in the viewer of Rerun; --out out/first.rrd for another machine"""  # noqa: E501
 
 
 def add(parsers: Any) -> None:
@@ -34,14 +34,27 @@ def add(parsers: Any) -> None:
     parser = declare(parsers, 'view', run, 'show a recording in motion: a web page, a picture or a film', EXAMPLE)
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
     parser.add_argument(
-        'ghosts', metavar='GHOST', type=Path, nargs='*', default=[], help='further recordings, drawn as ghosts beside the first'
+        'ghosts',
+        metavar='GHOST',
+        type=Path,
+        nargs='*',
+        default=[],
+        help='further recordings, drawn as ghosts beside the first',
     )
     parser.add_argument('--out', metavar='FILE', type=Path, help=f'what to write, by its ending: {", ".join(KINDS)}')
-    parser.add_argument('--rerun', action='store_true', help='open the recordings in the viewer of Rerun (extra `rerun`)')
-    parser.add_argument('--channel', metavar='PATTERN', action='append', default=[], help="curves to draw, e.g. 'imu/*' (repeatable)")
+    parser.add_argument(
+        '--rerun', action='store_true', help='open the recordings in the viewer of Rerun (extra `rerun`)'
+    )
+    parser.add_argument(
+        '--channel', metavar='PATTERN', action='append', default=[], help="curves to draw, e.g. 'imu/*' (repeatable)"
+    )
     parser.add_argument('--scene', metavar='SCENE', help=SCENE_HELP)
-    parser.add_argument('--at', metavar='SECONDS', type=float, help='instant of a picture (default: the middle of the recording)')
-    parser.add_argument('--rate', metavar='HZ', type=float, help='pictures a second of a film (default 25, of a GIF 12.5)')
+    parser.add_argument(
+        '--at', metavar='SECONDS', type=float, help='instant of a picture (default: the middle of the recording)'
+    )
+    parser.add_argument(
+        '--rate', metavar='HZ', type=float, help='pictures a second of a film (default 25, of a GIF 12.5)'
+    )
     parser.add_argument('--width', metavar='PIXELS', type=int, help='of a picture or film (default 1120)')
     parser.add_argument('--speed', metavar='FACTOR', type=float, help='speed of the motion in a film (default 1)')
 
@@ -99,7 +112,9 @@ def run(args: argparse.Namespace) -> Result:
     else:
         rate = args.rate or (25.0 if file.suffix == '.mp4' else 12.5)
         speed = args.speed or 1.0
-        picture.write_film(motions, file, rate=rate, speed=speed, progress=not args.json, width=width, channels=channels)
+        picture.write_film(
+            motions, file, rate=rate, speed=speed, progress=not args.json, width=width, channels=channels
+        )
     first = motions[0]
     data = {
         'status': 'ok',

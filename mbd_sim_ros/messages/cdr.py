@@ -2,9 +2,9 @@
 
 A message is walked field by field in the order of its `.msg` definition. Encoding and decoding both report where every
 number landed, so a message whose strings never change is encoded once and from then on only its numbers are patched
-(`Template`), and a whole column of recorded messages is read with one strided view.
-Encoding rules: OMG DDS-XTypes 1.3, 7.4.1 (plain CDR): 4 bytes encapsulation, primitives aligned to their size counted from
-the byte after it, strings and sequences with a uint32 length, strings zero-terminated.
+(`Template`), and a whole column of recorded messages is read with one strided view. Encoding rules: OMG DDS-XTypes 1.3,
+7.4.1 (plain CDR): 4 bytes encapsulation, primitives aligned to their size counted from the byte after it, strings and
+sequences with a uint32 length, strings zero-terminated.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from solver.errors import BagError
 
 DEPTH_MOST = 32  # types inside each other; one that contains itself has no end
 FIELDS_MOST = 50_000  # in one message; an array of numbers is one
-PADDING = 3  # bytes that may follow a message: some middleware fills up to 4; 30 would hide a wrong definition or alignment
+# bytes that may follow a message: some middleware fills up to 4; 30 would hide a wrong definition or alignment
+PADDING = 3
 ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
 BEHIND_IT = len(ENCAPSULATION)  # byte from which alignment counts; 0 in messages of writers that get this wrong
 
@@ -134,7 +135,8 @@ class _Decode(_Walk):
         self.at = start + size * count
         if self.at > len(self.data):
             raise BagError(f'a message of {len(self.data)} bytes is shorter than its schema asks for')
-        if self.origin != BEHIND_IT and any(self.data[before:start]):  # an alignment that is guessed must not skip what may be numbers
+        # an alignment that is guessed must not skip what may be numbers
+        if self.origin != BEHIND_IT and any(self.data[before:start]):
             raise BagError('its padding is not zero')
         return start
 
@@ -157,16 +159,20 @@ class _Decode(_Walk):
 
 
 def encode(message_type: str, text: str, value: dict[str, Any]) -> tuple[bytes, dict[str, Place]]:
-    """Encode nested dicts by the schema `text`; what is absent is zero or empty. Returns the message and where its numbers are."""
+    """Encode nested dicts by the schema `text`; what is absent is zero or empty. Returns the message and where its
+    numbers are."""
     walk = _Encode(definitions(message_type, text))
     walk.message(message_type.replace('/msg/', '/'), value, '')
     return bytes(walk.data), walk.places
 
 
-def decode(message_type: str, text: str, data: bytes, origin: int = BEHIND_IT) -> tuple[dict[str, Any], dict[str, Place]]:
+def decode(
+    message_type: str, text: str, data: bytes, origin: int = BEHIND_IT
+) -> tuple[dict[str, Any], dict[str, Place]]:
     """Decode a message by the schema `text` into nested dicts (numbers as numpy values); the inverse of `encode`.
 
-    origin: byte from which alignment counts. Raises BagError if the message is too short or too long or not little-endian CDR.
+    origin: byte from which alignment counts. Raises BagError if the message is too short or too long or not
+    little-endian CDR.
     """
     walk = _Decode(definitions(message_type, text), data, origin)
     value = walk.message(message_type.replace('/msg/', '/'), None, '')
@@ -176,10 +182,11 @@ def decode(message_type: str, text: str, data: bytes, origin: int = BEHIND_IT) -
 
 
 def decode_first(message_type: str, text: str, data: bytes) -> tuple[dict[str, Any], dict[str, Place], int]:
-    """Decode the first message of a topic, and find the byte from which its alignment counts. Raises BagError as `decode`.
+    """Decode the first message of a topic, and find the byte from which its alignment counts. Raises BagError as
+    `decode`.
 
-    That is 4, and 0 where the message fits so and does not fit otherwise. Behind the first number of 8 bytes the two differ by 4, which
-    is more than PADDING, so never do both fit.
+    That is 4, and 0 where the message fits so and does not fit otherwise. Behind the first number of 8 bytes the two
+    differ by 4, which is more than PADDING, so never do both fit.
     """
     try:
         return *decode(message_type, text, data), BEHIND_IT

@@ -1,8 +1,8 @@
 """The topics of a simulation: the template of each message, and which numbers of a snapshot go where in it.
 
-Frames: `odom` is the world, `base_link` the reference frame of the chassis, `<wheel>_contact` the contact frame of a tire
-(ISO-W, docs/conventions.md), `imu_link` the chassis' centre of mass with the axes of `base_link` (REP-145: an IMU reports
-at its own frame).
+Frames: `odom` is the world, `base_link` the reference frame of the chassis, `<wheel>_contact` the contact frame of a
+tire (ISO-W, docs/conventions.md), `imu_link` the chassis' centre of mass with the axes of `base_link` (REP-145: an IMU
+reports at its own frame).
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Spot(NamedTuple):
 class Composition:
     """Topics in their order, added one concept after the other.
 
-    Template k is that of topic k. The last topic, /tf, has another one at steps that place all bodies: `seldom` (None: no
-    step does). filled: spots in templates, and which numbers of the snapshot go there. sensed: spots of pose and twist in
-    odom, and of orientation, angular velocity and acceleration in imu. applied: the template of cmd_applied.
+    Template k is that of topic k. The last topic, /tf, has another one at steps that place all bodies: `seldom` (None:
+    no step does). filled: spots in templates, and which numbers of the snapshot go there. sensed: spots of pose and
+    twist in odom, and of orientation, angular velocity and acceleration in imu. applied: the template of cmd_applied.
     """
 
     def __init__(self, channels: Channels, frame_prefix: str) -> None:

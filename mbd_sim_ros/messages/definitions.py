@@ -1,7 +1,7 @@
 """Definitions of ROS 2 messages without ROS: their text, and the fields of each type in it.
 
-This package brings those of the messages it writes; recordings of others bring their own. Nothing here needs numpy: the recording process
-is there at once.
+This package brings those of the messages it writes; recordings of others bring their own. Nothing here needs numpy: the
+recording process is there at once.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from importlib.resources import files
 from typing import NamedTuple
 
 FORMATS = {  # primitive -> what it is to struct
-    'bool': '?', 'byte': 'B', 'char': 'B', 'int8': 'b', 'uint8': 'B', 'int16': 'h', 'uint16': 'H', 'int32': 'i', 'uint32': 'I',
+    'bool': '?', 'byte': 'B', 'char': 'B', 'int8': 'b', 'uint8': 'B', 'int16': 'h', 'uint16': 'H', 'int32': 'i',
+    'uint32': 'I',
     'int64': 'q', 'uint64': 'Q', 'float32': 'f', 'float64': 'd',
 }  # fmt: skip
 
@@ -34,9 +35,9 @@ Definitions = dict[str, list[Field]]
 def schema_text(message_type: str) -> str:
     """Return the `ros2msg` schema of e.g. 'sensor_msgs/msg/JointState': its definition and those it refers to.
 
-    The format is that of rosbag2: dependencies follow, depth first, each behind a line of 80 '=' and 'MSG: package/Type'.
-    schemas/ holds types, names, order and default values of the fields as in ROS 2 Jazzy (rcl_interfaces 2.0.3, common_interfaces
-    5.3.6, geometry2), so that recordings describe themselves where ROS is not installed.
+    The format is that of rosbag2: dependencies follow, depth first, each behind a line of 80 '=' and 'MSG:
+    package/Type'. schemas/ holds types, names, order and default values of the fields as in ROS 2 Jazzy (rcl_interfaces
+    2.0.3, common_interfaces 5.3.6, geometry2), so that recordings describe themselves where ROS is not installed.
     """
     package, name = message_type.split('/msg/')
     parts: list[str] = []
@@ -47,9 +48,18 @@ def schema_text(message_type: str) -> str:
         if current in seen:
             continue
         seen.add(current)
-        text = files('mbd_sim_ros.messages').joinpath('schemas', *current.split('/')).with_suffix('.msg').read_text(encoding='utf-8')  # type: ignore[attr-defined]
+        text = (
+            files('mbd_sim_ros.messages')  # type: ignore[attr-defined]
+            .joinpath('schemas', *current.split('/'))
+            .with_suffix('.msg')
+            .read_text(encoding='utf-8')
+        )
         parts.append(text if not parts else '=' * 80 + f'\nMSG: {current}\n' + text)
-        todo += [field.kind for field in _fields(text, current.split('/')[0]) if field.kind not in FORMATS and field.kind != 'string']
+        todo += [
+            field.kind
+            for field in _fields(text, current.split('/')[0])
+            if field.kind not in FORMATS and field.kind != 'string'
+        ]
     return '\n'.join(parts)
 
 

@@ -1,8 +1,9 @@
-"""The only conversion from a Snapshot to ROS messages: the same bytes are published by the node and written into recordings.
+"""The only conversion from a Snapshot to ROS messages: the same bytes are published by the node and written into
+recordings.
 
-Every topic is one `cdr.Template`, which mbd_sim_ros.messages.composition makes; a step patches its numbers. At a rate of
-its own /tf holds the reference frames of all bodies too, under the names of their links in `robot_description`: what shows
-the robot then shows the motion as it is.
+Every topic is one `cdr.Template`, which mbd_sim_ros.messages.composition makes; a step patches its numbers. At a rate
+of its own /tf holds the reference frames of all bodies too, under the names of their links in `robot_description`: what
+shows the robot then shows the motion as it is.
 """
 
 from __future__ import annotations
@@ -46,13 +47,14 @@ class _Part(NamedTuple):
 class Messages:
     """Turns snapshots into encoded messages, one per topic.
 
-    `frame_prefix` is put before every frame name (several vehicles in one graph). `element_states` and `reactions` add the outputs of every
-    force element and the reaction of every constraint row as named scalars. kinds: element -> its kind, whose elements have a topic of
-    their own (others share one). elements_every: steps between messages of elements. sensors: covariances and noise of odom and imu.
-    motions_every: steps between messages of velocities and accelerations of all bodies (0: there are none).
-    poses_every: steps between messages that place all bodies (0: none does); links: their names in `robot_description`, 'base_link' for one
-    that has its place anyway (default: all bodies but the chassis under their own names); imu_at: where the chassis has its centre of mass
-    [m]. All messages lie in one buffer, and a step is one indexed copy from the numbers of the snapshot to those of the messages that are
+    `frame_prefix` is put before every frame name (several vehicles in one graph). `element_states` and `reactions` add
+    the outputs of every force element and the reaction of every constraint row as named scalars. kinds: element -> its
+    kind, whose elements have a topic of their own (others share one). elements_every: steps between messages of
+    elements. sensors: covariances and noise of odom and imu. motions_every: steps between messages of velocities and
+    accelerations of all bodies (0: there are none). poses_every: steps between messages that place all bodies (0: none
+    does); links: their names in `robot_description`, 'base_link' for one that has its place anyway (default: all bodies
+    but the chassis under their own names); imu_at: where the chassis has its centre of mass [m]. All messages lie in
+    one buffer, and a step is one indexed copy from the numbers of the snapshot to those of the messages that are
     wanted: one instance serves one thread.
     """
 
@@ -95,7 +97,8 @@ class Messages:
 
     @classmethod
     def of(cls, scene: Scene, simulation: Simulation, frame_prefix: str = '') -> Messages:
-        """The encoder of what a simulation (solver.simulation.Simulation or alike) shows, as its scene has it recorded."""
+        """The encoder of what a simulation (solver.simulation.Simulation or alike) shows, as its scene has it
+        recorded."""
         channels, record = simulation.channels, scene.record
         h = simulation.h_ns * 1e-9
         every = record.poses_every(h)
@@ -127,11 +130,15 @@ class Messages:
             end = begins[-1] + len(message.data) + -(begins[-1] + len(message.data)) % 8
         self._numbers = np.zeros(end // 8)
         self._memory = memory = memoryview(self._numbers).cast('B')  # type: ignore[arg-type]  # numpy arrays are buffers
-        self._messages = [memory[begin : begin + len(message.data)] for begin, message in zip(begins, parts.templates, strict=True)]
+        self._messages = [
+            memory[begin : begin + len(message.data)] for begin, message in zip(begins, parts.templates, strict=True)
+        ]
         self._stamps: list[list[int]] = []  # of every template, where its times are
         for begin, own, message in zip(begins, self._messages, parts.templates, strict=True):
             own[:] = message.data
-            self._stamps.append([begin + place.offset for path, place in message.places.items() if path.endswith('stamp.sec')])
+            self._stamps.append(
+                [begin + place.offset for path, place in message.places.items() if path.endswith('stamp.sec')]
+            )
 
         def number(spot: Spot) -> int:
             return (begins[spot.template] + spot.offset) // 8
@@ -145,11 +152,14 @@ class Messages:
         inputs = parts.templates[parts.applied].places['position']
         self._step = number(Spot(parts.applied, inputs.offset)) + inputs.size - 1
 
-    def encode(self, snapshot: Snapshot, *, whole: bool = False, only: Sequence[int] | None = None) -> list[bytes | None]:
-        """Return one encoded message per topic, in the order of `topics`; None where a topic has none at this step, unless `whole`.
+    def encode(
+        self, snapshot: Snapshot, *, whole: bool = False, only: Sequence[int] | None = None
+    ) -> list[bytes | None]:
+        """Return one encoded message per topic, in the order of `topics`; None where a topic has none at this step,
+        unless `whole`.
 
-        only: places of topics; the others are None too. Raises StepError, which names what and when, if a number in the snapshot is not
-        finite, wanted or not: such a state never leaves.
+        only: places of topics; the others are None too. Raises StepError, which names what and when, if a number in the
+        snapshot is not finite, wanted or not: such a state never leaves.
         """
         require_finite(snapshot, self.channels)
         k, every = snapshot.k, self._every
@@ -198,7 +208,11 @@ class Messages:
         imu = np.concatenate([n[orientation : orientation + 4], n[rate : rate + 3], n[acceleration : acceleration + 3]])
         sensors.scatter(k, odom, imu)
         n[pose : pose + 7], n[twist : twist + 6] = odom[:7], odom[7:]
-        n[orientation : orientation + 4], n[rate : rate + 3], n[acceleration : acceleration + 3] = imu[:4], imu[4:7], imu[7:]
+        n[orientation : orientation + 4], n[rate : rate + 3], n[acceleration : acceleration + 3] = (
+            imu[:4],
+            imu[4:7],
+            imu[7:],
+        )
 
 
 def kinds_of(model: ModelSpec) -> dict[str, str]:
@@ -227,7 +241,10 @@ def require_finite(snapshot: Snapshot, channels: Channels) -> None:
         for name, value in zip(names, values):
             if not np.all(np.isfinite(value)):
                 raise StepError(
-                    f'{what} {name!r} is not finite at t = {snapshot.t_ns * 1e-9:.6f} s (step {snapshot.k}); try a smaller step'
+                    f'{what} {name!r} is not finite at t = {snapshot.t_ns * 1e-9:.6f} s (step {snapshot.k}); try a '
+                    'smaller step'
                 )
     if not np.all(np.isfinite(snapshot.imu)):
-        raise StepError(f'the imu output is not finite at t = {snapshot.t_ns * 1e-9:.6f} s (step {snapshot.k}); try a smaller step')
+        raise StepError(
+            f'the imu output is not finite at t = {snapshot.t_ns * 1e-9:.6f} s (step {snapshot.k}); try a smaller step'
+        )

@@ -1,4 +1,5 @@
-"""Topics and the types of their messages, for those who publish them and those who read them: no solver is needed to know them."""
+"""Topics and the types of their messages, for those who publish them and those who read them: no solver is needed to
+know them."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Executable `adapter`: drives a simulator by what others publish: Ackermann commands, cmd_vel, Autoware (see
 demand_messages.py).
 
-It looks at every `odom` that it gets, at most `rate` times a second, and answers with steering, drive and brake torque for the newest
-demand, in one stamped message on `lockstep_cmd`. Interfaces whose package is not installed are left out, and the log says so once.
-Exit code 0 when the simulator ends.
+It looks at every `odom` that it gets, at most `rate` times a second, and answers with steering, drive and brake torque
+for the newest demand, in one stamped message on `lockstep_cmd`. Interfaces whose package is not installed are left out,
+and the log says so once. Exit code 0 when the simulator ends.
 """
 
 from __future__ import annotations
@@ -33,7 +33,10 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
     'max_drive_torque': (2000.0, 'of the speed loop, at the differential [N m]'),
     'max_engine_braking': (300.0, 'torque with which the engine brakes before the brakes do [N m]'),
     'max_brake_torque': (6000.0, 'all wheels together [N m]'),
-    'command_timeout': (0.5, 'simulation time after which a demand counts no more and the car is braked to rest [s]; 0: never'),
+    'command_timeout': (
+        0.5,
+        'simulation time after which a demand counts no more and the car is braked to rest [s]; 0: never',
+    ),
 }
 
 

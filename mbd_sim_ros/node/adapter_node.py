@@ -30,13 +30,16 @@ from solver.scene import Scene
 
 POSITIVE = ('bandwidth', 'max_drive_torque')
 LIMITS = {  # parameter -> what it must be below
-    **dict.fromkeys(('steering_ratio', 'command_timeout', 'max_engine_braking', 'max_brake_torque', *POSITIVE), math.inf),
+    **dict.fromkeys(
+        ('steering_ratio', 'command_timeout', 'max_engine_braking', 'max_brake_torque', *POSITIVE), math.inf
+    ),
     'max_road_wheel': 0.5 * math.pi,
 }
 
 
 class Adapter(Node):
-    """Keeps the newest demand and answers every odom with commands. answered: the newest stamp that was [ns]; -1: none. Raises MbdError."""
+    """Keeps the newest demand and answers every odom with commands. answered: the newest stamp that was [ns]; -1: none.
+    Raises MbdError."""
 
     def __init__(self, parameters: Mapping[str, tuple[Any, str]]) -> None:
         super().__init__('adapter')
@@ -58,7 +61,9 @@ class Adapter(Node):
         self._driven: Scene | None = None  # whose car the loop is of
         self._scene = load_scene(self.value('scene')) if self.value('scene') else None  # to be driven
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-        latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        latched = QoSProfile(
+            depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+        )
         missing, ears = set(), []
         for topic, rows in groupby(HEARD, lambda row: row.topic):
             kinds, late = {}, False
@@ -82,7 +87,10 @@ class Adapter(Node):
         for package in sorted(missing):
             self.get_logger().info(f'{package} is not installed: its topics are left out')
         self._commands = self.create_publisher(
-            JointState, f'{self._simulator}/lockstep_cmd', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE), **SAID_HERE
+            JointState,
+            f'{self._simulator}/lockstep_cmd',
+            QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE),
+            **SAID_HERE,
         )
         ears.append(Ear(self, 'odom', {Odometry: self._answer}, depth=1))
         if self._reports:
@@ -130,7 +138,8 @@ class Adapter(Node):
             if not (0.0 < value < most if name in POSITIVE else 0.0 <= value < most):
                 least = 'above 0' if name in POSITIVE else 'at least 0'
                 raise SpecError(
-                    f'parameter {name} = {value:g}: must be {least} and {"finite" if most == math.inf else f"below {most:.4f}"}'
+                    f'parameter {name} = {value:g}: must be {least} and '
+                    f'{"finite" if most == math.inf else f"below {most:.4f}"}'
                 )
         return SpeedControl(
             bandwidth=self.value('bandwidth'),
@@ -144,14 +153,16 @@ class Adapter(Node):
         self._told = message.data
 
     def _drive(self, scene: Scene) -> None:
-        """Drive the car of a scene from now on; the one that is driven already goes on. Raises SpecError for one that it cannot drive."""
+        """Drive the car of a scene from now on; the one that is driven already goes on. Raises SpecError for one that
+        it cannot drive."""
         before, self._driven = self._driven, scene
         if before is not None and scene.hash == before.hash:
             return
         steered = scene.actuation.steering
         if steered == 'torque':
             raise SpecError(
-                f'scene {scene.name!r} is steered by a torque (actuation.steering = torque), and an adapter commands angles; '
+                f'scene {scene.name!r} is steered by a torque (actuation.steering = torque), and an adapter commands '
+                'angles; '
                 'take actuation.steering: angle or road_wheel'
             )
         car = Car.of(scene, ratio=self.value('steering_ratio') or None)
@@ -160,7 +171,11 @@ class Adapter(Node):
         self._gearbox = None if box is None else Worked(box)
         self._named, self._wheel = (STEERING[steered], *COMMANDS[1:]), None
         self._begin()
-        how = 'by its measured map' if self.value('steering_ratio') == 0.0 else f'by the ratio {self.value("steering_ratio"):g}'
+        how = (
+            'by its measured map'
+            if self.value('steering_ratio') == 0.0
+            else f'by the ratio {self.value("steering_ratio"):g}'
+        )
         how = 'by its road wheels' if steered == 'road_wheel' else how
         self.get_logger().info(f'driving {scene.name}: wheelbase {car.wheelbase:.3f} m, steering {how}')
 
@@ -182,7 +197,9 @@ class Adapter(Node):
             elif heard.is_finite:
                 self._demand, self._at = heard, -1
             else:
-                self.get_logger().warning(f'{row.topic}: not a number; the command before it stays', throttle_duration_sec=2.0)
+                self.get_logger().warning(
+                    f'{row.topic}: not a number; the command before it stays', throttle_duration_sec=2.0
+                )
 
         return hear
 
@@ -192,7 +209,8 @@ class Adapter(Node):
         self._heard = True
         if self._loop is None or self._told:  # another car has been loaded
             return
-        if now == self.answered:  # in lockstep: no answer came, or it was lost when the simulator was reset at its start
+        # in lockstep: no answer came, or it was lost when the simulator was reset at its start
+        if now == self.answered:
             self._repeated = min(self._repeated, time.monotonic())
             return
         if now < self.answered:  # the simulator was reset

@@ -1,4 +1,5 @@
-"""Who sees a step: subscribers of topics, a recording, those who follow /clock, and a plan that is watched. Others are hidden."""
+"""Who sees a step: subscribers of topics, a recording, those who follow /clock, and a plan that is watched. Others are
+hidden."""
 
 from __future__ import annotations
 
@@ -22,8 +23,8 @@ class Audience:
     """Shows the steps of a simulation to whom they concern; on the simulation thread.
 
     Each of those who look says at which steps, by periods: a step is seen whose number is a multiple of one of them.
-    assisted: whether somebody looks at every step to help the driver. budget: seconds that publishing a step may take in real
-    time; 0: as long as it takes.
+    assisted: whether somebody looks at every step to help the driver. budget: seconds that publishing a step may take
+    in real time; 0: as long as it takes.
     """
 
     def __init__(

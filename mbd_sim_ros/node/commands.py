@@ -21,8 +21,8 @@ SELDOM = 0.01  # s between looks for commands of somebody who is not known yet: 
 
 
 class Commanded(NamedTuple):
-    """A command: its topic, what it is, the parameter that limits it ('': 1 does; None: nothing does), whether it may be below zero, the
-    type of its message, and what a sentence calls it."""
+    """A command: its topic, what it is, the parameter that limits it ('': 1 does; None: nothing does), whether it may
+    be below zero, the type of its message, and what a sentence calls it."""
 
     topic: str
     text: str
@@ -34,13 +34,19 @@ class Commanded(NamedTuple):
 
 PLAIN = {
     'steering': Commanded('steering_cmd', 'steering wheel angle [rad], positive to the left', 'max_steering'),
-    'steering_torque': Commanded('steering_torque_cmd', 'torque at the steering wheel [N m], instead of its angle', 'max_steering_torque'),
-    'road_wheel': Commanded('road_wheel_cmd', 'mean angle of the front road wheels [rad], instead of that of the wheel', 'max_road_wheel'),
+    'steering_torque': Commanded(
+        'steering_torque_cmd', 'torque at the steering wheel [N m], instead of its angle', 'max_steering_torque'
+    ),
+    'road_wheel': Commanded(
+        'road_wheel_cmd', 'mean angle of the front road wheels [rad], instead of that of the wheel', 'max_road_wheel'
+    ),
     'drive_torque': Commanded('torque_cmd', 'at the differential [N m]', 'max_drive_torque'),
     'brake_torque': Commanded('brake_cmd', 'all wheels together [N m]', 'max_brake_torque', signed=False),
     'accelerator': Commanded('accelerator_cmd', 'pedal of an engine, 0 to 1', signed=False, called='accelerator'),
     'clutch': Commanded('clutch_cmd', 'clutch pedal of an engine, 0 (closed) to 1 (open)', signed=False),
-    'gear': Commanded('gear_cmd', 'gear of an engine: 1, 2, ..., 0 neutral, -1 reverse; the lever of an automatic gearbox', type=Int32),
+    'gear': Commanded(
+        'gear_cmd', 'gear of an engine: 1, 2, ..., 0 neutral, -1 reverse; the lever of an automatic gearbox', type=Int32
+    ),
     'lock_up': Commanded('lock_up_cmd', 'lock-up clutch of a torque converter, closed from 0.5 on', signed=False),
 }
 BY_WHEEL = {
@@ -72,7 +78,8 @@ def commanded(name: str) -> Commanded:
 
 
 class Commands:
-    """Subscribes to the commands on a node of their own, which no executor spins: the simulation thread takes the newest itself (`poll`).
+    """Subscribes to the commands on a node of their own, which no executor spins: the simulation thread takes the
+    newest itself (`poll`).
 
     An executor takes about 1 ms per message for its wait set, with the interpreter lock held; looking into the three
     subscriptions takes 20 us, and the command is used in the very next step. They are reliable, unless somebody
@@ -102,7 +109,8 @@ class Commands:
         self._next_look = -math.inf  # clock reading at which topics of named commands are looked into whoever publishes
         self._plain: list[Ear] = []
         self._named: list[Ear] = []  # of several commands by their names
-        self._boxes: list[tuple[Callable[[type, bool], Any], type, Callable[[Any], None]]] = []  # what poll() needs of the plain ones
+        # what poll() needs of the plain ones
+        self._boxes: list[tuple[Callable[[type, bool], Any], type, Callable[[Any], None]]] = []
         self.node: Node | None = None  # that has the subscriptions
         if deaf:
             return
@@ -119,7 +127,8 @@ class Commands:
                 self._plain.append(self._ear(one.topic, one.type, self._receiving(index, one.topic), depth=1))
         for topic, receive in zip(NAMED, (self._stamped, self._unstamped), strict=True):
             if topic == NAMED[0] or len(self.names) > len(self._plain):
-                self._named.append(self._ear(topic, JointState, receive, depth=10))  # an old answer must not push the right one out
+                # an old answer must not push the right one out
+                self._named.append(self._ear(topic, JointState, receive, depth=10))
         self._note_boxes()
 
     def _ear(self, topic: str, kind: type, receive: Callable[[Any], None], depth: int) -> Ear:
@@ -127,7 +136,9 @@ class Commands:
         return Ear(self.node, self._node.resolve_topic_name(f'~/{topic}'), {kind: receive}, depth=depth, polled=True)
 
     def _note_boxes(self) -> None:
-        self._boxes = [(ear.subscription.handle.take_message, ear.kind, ear.receive) for ear in self._plain if ear.subscription]
+        self._boxes = [
+            (ear.subscription.handle.take_message, ear.kind, ear.receive) for ear in self._plain if ear.subscription
+        ]
 
     def close(self) -> None:
         """Listen no more."""
@@ -186,7 +197,10 @@ class Commands:
         t_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
         if not self._latch.answer(t_ns, values):
             waiting = self._latch.waiting_ns * 1e-9
-            self._warn('answer', f'lockstep_cmd answers t = {t_ns * 1e-9:.6f} s, the state that is waiting is that of {waiting:.6f} s')
+            self._warn(
+                'answer',
+                f'lockstep_cmd answers t = {t_ns * 1e-9:.6f} s, the state that is waiting is that of {waiting:.6f} s',
+            )
 
     def _unstamped(self, message: JointState) -> None:
         """Commands by their names, the newest wins."""
@@ -200,7 +214,9 @@ class Commands:
         """The commands in a message by their places; None when one of them is refused."""
         values: dict[int, float] = {}
         if len(message.name) != len(message.position):
-            self._refuse(topic, f'{topic}: {len(message.name)} names, {len(message.position)} positions; give one for each')
+            self._refuse(
+                topic, f'{topic}: {len(message.name)} names, {len(message.position)} positions; give one for each'
+            )
             return None
         for name, number in zip(message.name, message.position):
             if name not in self.names:
@@ -234,7 +250,8 @@ class Commands:
         return value
 
     def _gear(self, what: str, number: float) -> float | None:
-        """The gear that is asked for, rounded as the gearbox does; None for one that there is not: another one would be worse than none."""
+        """The gear that is asked for, rounded as the gearbox does; None for one that there is not: another one would be
+        worse than none."""
         gear = math.floor(number + 0.5)
         low, high = self.gears or (gear, gear)
         if not low <= gear <= high:

@@ -45,7 +45,8 @@ class Companion(Protocol):
 
 
 def accompany(node: Companion, doing: str) -> int:
-    """Answer until the simulator ends or a signal comes; returns the exit code. Raises NoSimulator where there is none, and MbdError."""
+    """Answer until the simulator ends or a signal comes; returns the exit code. Raises NoSimulator where there is none,
+    and MbdError."""
     from rclpy.executors import SingleThreadedExecutor
 
     name, rate, timeout = (node.value(key) for key in ('simulator', 'rate', 'timeout'))
@@ -60,7 +61,8 @@ def accompany(node: Companion, doing: str) -> int:
         answered = node.answered
         if not node.look(executor) and time.monotonic() - begin > timeout:
             raise NoSimulator(
-                f'the simulator {name!r} {node.missing()}: nothing came within {timeout:g} s; see the parameters simulator and timeout'
+                f'the simulator {name!r} {node.missing()}: nothing came within {timeout:g} s; see the parameters '
+                'simulator and timeout'
             )
         if rate > 0.0 and node.answered != answered:
             time.sleep(1.0 / rate)  # meanwhile the queue of depth one keeps the newest

@@ -1,8 +1,10 @@
-"""Messages of others -> Demand, and reports -> messages: one row for every interface, each with the package that has to be there.
+"""Messages of others -> Demand, and reports -> messages: one row for every interface, each with the package that has to
+be there.
 
-Names, fields and qualities of service as their users have them: ackermann_msgs; the vehicle interface of Autoware (control_cmd and
-gear_cmd reliable and transient local, depth 1, and heard from volatile publishers too; status reports reliable and volatile, depth 1,
-frame base_link; so do CARLA and AWSIM); cmd_vel as the Ackermann plugins of Gazebo read it: speed and yaw rate.
+Names, fields and qualities of service as their users have them: ackermann_msgs; the vehicle interface of Autoware
+(control_cmd and gear_cmd reliable and transient local, depth 1, and heard from volatile publishers too; status reports
+reliable and volatile, depth 1, frame base_link; so do CARLA and AWSIM); cmd_vel as the Ackermann plugins of Gazebo read
+it: speed and yaw rate.
 """
 
 from __future__ import annotations
@@ -13,7 +15,8 @@ from typing import Any, NamedTuple
 
 from mbd_sim_ros.node.speed_control import DRIVE, NEUTRAL, PARK, REVERSE, Demand
 
-GEAR_NEUTRAL, GEAR_DRIVE, GEAR_DRIVE_LAST, GEAR_REVERSE, GEAR_REVERSE_LAST, GEAR_PARK = 1, 2, 19, 20, 21, 22  # of autoware_vehicle_msgs
+# of autoware_vehicle_msgs
+GEAR_NEUTRAL, GEAR_DRIVE, GEAR_DRIVE_LAST, GEAR_REVERSE, GEAR_REVERSE_LAST, GEAR_PARK = 1, 2, 19, 20, 21, 22
 GEAR_LOW = (23, 24)
 AUTONOMOUS = 1  # of ControlModeReport
 
@@ -31,7 +34,8 @@ class Measured(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """A topic of commands and a type of its messages. latched: transient local. demand: makes a Demand of a message, or a number of a gear.
+    """A topic of commands and a type of its messages. latched: transient local. demand: makes a Demand of a message, or
+    a number of a gear.
 
     A topic has one type at a time: the first that is installed, unless only another one of its types is published.
     """
@@ -104,21 +108,41 @@ def _mode(message: Any, now: Measured) -> None:
 
 HEARD = (
     Heard('ackermann_cmd', 'ackermann_msgs/msg/AckermannDrive', 'road wheels, speed, acceleration', ackermann),
-    Heard('ackermann_cmd', 'ackermann_msgs/msg/AckermannDriveStamped', 'the same with a header', lambda m: ackermann(m.drive)),
-    Heard('ackermann_cmd_stamped', 'ackermann_msgs/msg/AckermannDriveStamped', 'the same with a header', lambda m: ackermann(m.drive)),
+    Heard('ackermann_cmd', 'ackermann_msgs/msg/AckermannDriveStamped', 'the same with a '
+        'header', lambda m: ackermann(m.drive)),
+    Heard('ackermann_cmd_stamped', 'ackermann_msgs/msg/AckermannDriveStamped', 'the same with a '
+        'header', lambda m: ackermann(m.drive)),
     Heard('ackermann_cmd_stamped', 'ackermann_msgs/msg/AckermannDrive', 'road wheels, speed, acceleration', ackermann),
     Heard('cmd_vel', 'geometry_msgs/msg/Twist', 'speed and yaw rate', twist),
-    Heard('cmd_vel', 'geometry_msgs/msg/TwistStamped', 'the same with a header, as ros2_control has it', lambda m: twist(m.twist)),
-    Heard('/control/command/control_cmd', 'autoware_control_msgs/msg/Control', 'road wheels, speed, acceleration', control, latched=True),
+    Heard('cmd_vel', 'geometry_msgs/msg/TwistStamped', 'the same with a header, as ros2_control has '
+        'it', lambda m: twist(m.twist)),
+    Heard('/control/command/control_cmd', 'autoware_control_msgs/msg/Control', 'road wheels, speed, '
+        'acceleration', control, latched=True),
     Heard(
-        '/control/command/gear_cmd', 'autoware_vehicle_msgs/msg/GearCommand', 'drive, reverse, neutral, park', lambda m: m.command,
+        '/control/command/gear_cmd', 'autoware_vehicle_msgs/msg/GearCommand', 'drive, reverse, neutral, '
+            'park', lambda m: m.command,
         latched=True,
     ),
 )  # fmt: skip
 TOLD = (
-    Told('/vehicle/status/velocity_status', 'autoware_vehicle_msgs/msg/VelocityReport', 'velocity and yaw rate in base_link', _velocity),
-    Told('/vehicle/status/steering_status', 'autoware_vehicle_msgs/msg/SteeringReport', 'road wheels, by the steering wheel', _steering),
-    Told('/vehicle/status/gear_status', 'autoware_vehicle_msgs/msg/GearReport', 'the gear as commanded, or as it goes', _gear),
+    Told(
+        '/vehicle/status/velocity_status',
+        'autoware_vehicle_msgs/msg/VelocityReport',
+        'velocity and yaw rate in base_link',
+        _velocity,
+    ),
+    Told(
+        '/vehicle/status/steering_status',
+        'autoware_vehicle_msgs/msg/SteeringReport',
+        'road wheels, by the steering wheel',
+        _steering,
+    ),
+    Told(
+        '/vehicle/status/gear_status',
+        'autoware_vehicle_msgs/msg/GearReport',
+        'the gear as commanded, or as it goes',
+        _gear,
+    ),
     Told('/vehicle/status/control_mode', 'autoware_vehicle_msgs/msg/ControlModeReport', 'always autonomous', _mode),
 )
 

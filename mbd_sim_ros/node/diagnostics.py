@@ -50,9 +50,10 @@ def diagnosis(
 ) -> DiagnosticStatus:
     """Level, message and values since the last call; name and hardware_id are left to the caller.
 
-    refused: commands that were no numbers or named no input. namesakes: other nodes of the same name. envelope: see judged.
-    unpublished: messages that the budget of publishing dropped, by topic. unmatched: what the graph does not match (see node.graph).
-    error: the numerical error of this scene, as it was measured at another time (solver.analysis.kept_errors).
+    refused: commands that were no numbers or named no input. namesakes: other nodes of the same name. envelope: see
+    judged. unpublished: messages that the budget of publishing dropped, by topic. unmatched: what the graph does not
+    match (see node.graph). error: the numerical error of this scene, as it was measured at another time
+    (solver.analysis.kept_errors).
     """
     health = loop.health()
     values = {
@@ -85,7 +86,12 @@ def diagnosis(
     problems += unmatched
     if recorder and recorder.dropped:
         problems.append('recording has lost steps')
-    if loop.pace.mode == 'realtime' and not loop.paused and health.rate < SLOW * loop.pace.rate_factor and health.steps > 0:
+    if (
+        loop.pace.mode == 'realtime'
+        and not loop.paused
+        and health.rate < SLOW * loop.pace.rate_factor
+        and health.steps > 0
+    ):
         problems.append('slower than real time')
     if unpublished:
         values['publishing dropped'] = ', '.join(f'{topic} {count}' for topic, count in unpublished.items())

@@ -1,4 +1,5 @@
-"""Commands become the inputs of a step: through the hands on the steering wheel, assistance and actuators, which all have a memory."""
+"""Commands become the inputs of a step: through the hands on the steering wheel, assistance and actuators, which all
+have a memory."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ class Driving:
         self.deaf = value('commands') != 'topics'
         self.names = latch.commands
         self.uncommanded = uncommanded(base_names(simulation.channels.inputs), self.names)
-        own = simulation.sources  # whose actuators and assistance act, whoever drives; a recording has been through them, and has none
+        # whose actuators and assistance act, whoever drives; a recording has been through them, and has none
+        own = simulation.sources
         self._actuators: Chain | None = own.actuators or (own.new_actuators() if scene.actuation.actuators else None)
         self.assistant: Assistant | None = own.assistant or (own.new_assistant() if scene.assistance else None)
         self._road_map = steering_map(scene.model) if scene.actuation.steering == 'road_wheel' else None
@@ -45,7 +47,8 @@ class Driving:
 
     @property
     def ends(self) -> dict[str, tuple[float, float]]:
-        """Least and most that may be commanded of the steering, by the vehicle's end stops and the map of its road wheels [rad]."""
+        """Least and most that may be commanded of the steering, by the vehicle's end stops and the map of its road
+        wheels [rad]."""
         lock = self._scene.model.lock if isinstance(self._scene.model, ModelSpec) else None
         found = {} if lock is None else {STEERING['angle']: (-lock, lock)}
         if self._road_map is not None:
@@ -71,8 +74,8 @@ class Driving:
         self._restored = self._in_force() if moving else {}
 
     def hold(self) -> None:
-        """Until a command comes, steering, brakes, clutches, gear and what the scene adds stay where they are; what helps the driver works
-        what it has itself.
+        """Until a command comes, steering, brakes, clutches, gear and what the scene adds stay where they are; what
+        helps the driver works what it has itself.
 
         Commands of the time when a state was saved hold where it is restored, except those that drive: these hold only
         while they are sent.
@@ -118,7 +121,8 @@ class Driving:
         )
 
     def _steering_wheel(self, road_wheel: float) -> float:
-        """Angle of the steering wheel [rad] for an angle of the road wheels [rad]; where it stands, until one is commanded."""
+        """Angle of the steering wheel [rad] for an angle of the road wheels [rad]; where it stands, until one is
+        commanded."""
         assert self._road_map is not None
         return steering_wheel_at(self._road_map, road_wheel) if self._steered else float(self._source.state[0])
 
@@ -128,8 +132,8 @@ class Driving:
         return self._latch.newest.counts[0] > 0 or self.names[0] in self._restored
 
     def _in_force(self) -> Mapping[str, float]:
-        """Commands by name; without an angle of the road wheels as long as none was commanded, for the steering wheel stands still then.
-        None where the maneuver drives: what acts then are its inputs."""
+        """Commands by name; without an angle of the road wheels as long as none was commanded, for the steering wheel
+        stands still then. None where the maneuver drives: what acts then are its inputs."""
         known = self.names if self._steered or self._road_map is None else self.names[1:]
         known = () if self.deaf else known
         return {name: value for name, value in zip(self.names, self._latch.newest.values, strict=True) if name in known}

@@ -1,6 +1,8 @@
-"""An engine with an automatic gearbox under the loop of the adapter: torques at the differential become accelerator and lever.
+"""An engine with an automatic gearbox under the loop of the adapter: torques at the differential become accelerator and
+lever.
 
-    pedal u:  map(u, omega) = T / R        omega = R |v| / radius, at least where the engine idles; R: ratio between crankshaft and wheels
+    pedal u:  map(u, omega) = T / R        omega = R |v| / radius, at least where the engine idles; R: ratio between
+              crankshaft and wheels
 
 The adapter follows the gear by the law of the gearbox itself (solver.inputs.shifting) with the speed that it hears, so
 what it sends depends on nothing but the states that it answers. The integral of the loop takes the rest of the effect
@@ -24,8 +26,9 @@ SHAFT = 'gearbox_output'  # a propeller shaft at the gearbox, its axle behind th
 
 @dataclass(frozen=True, kw_only=True)
 class Gearbox:
-    """Engine and gearbox of a car. ratios: between crankshaft and wheels, from the first gear on; reverse: of the reverse gear (0: none);
-    radius of the wheels [m]; shifting: None for a gearbox that nobody works, which stays in neutral."""
+    """Engine and gearbox of a car. ratios: between crankshaft and wheels, from the first gear on; reverse: of the
+    reverse gear (0: none); radius of the wheels [m]; shifting: None for a gearbox that nobody works, which stays in
+    neutral."""
 
     engine: EngineSpec
     ratios: tuple[float, ...]
@@ -54,7 +57,11 @@ class Gearbox:
     def idle(self) -> float:
         """Speed at which the torque of the first pedal ends [rad/s]."""
         torques = np.array(self.engine.torques[0])
-        return float(self.engine.speeds[int(np.argmax(torques <= 0.0))]) if (torques <= 0.0).any() else float(self.engine.speeds[-1])
+        return (
+            float(self.engine.speeds[int(np.argmax(torques <= 0.0))])
+            if (torques <= 0.0).any()
+            else float(self.engine.speeds[-1])
+        )
 
     def pedal(self, torque: float, ratio: float, speed: float) -> float:
         """Position of the accelerator (0 to 1) for a torque at the differential [N m] at a speed of the car [m/s]."""
@@ -67,12 +74,19 @@ class Gearbox:
 
 
 def _turns(model: ModelSpec, output: str) -> float:
-    """Turns of an output of a gearbox per turn of the wheels: of a propeller shaft by its final drive, of half shafts 1."""
+    """Turns of an output of a gearbox per turn of the wheels: of a propeller shaft by its final drive, of half shafts
+    1."""
     axle = output.removeprefix(SHAFT)
     if axle == output:
         return 1.0
     final, pinion = f'final_drive{axle}', f'drive_pinion{axle}/angle'
-    return next(-1.0 / factor for force in model.coordinate_forces if force.name == final for name, factor in force.terms if name == pinion)
+    return next(
+        -1.0 / factor
+        for force in model.coordinate_forces
+        if force.name == final
+        for name, factor in force.terms
+        if name == pinion
+    )
 
 
 class Worked:

@@ -1,9 +1,9 @@
 """Mismatches in the ROS graph around a node: types and qualities of service that let no message through, and second
 publishers.
 
-ROS delivers nothing between a publisher and a subscription of different types, and the middleware says nothing of it; of qualities of
-service that do not match it says that there are some, and not whose. A subscription of this program follows who publishes where that costs
-nothing (`Ear`); all else is told by `Graph`.
+ROS delivers nothing between a publisher and a subscription of different types, and the middleware says nothing of it;
+of qualities of service that do not match it says that there are some, and not whose. A subscription of this program
+follows who publishes where that costs nothing (`Ear`); all else is told by `Graph`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 SECONDS = 1.0  # between looks at who publishes and subscribes, for those nodes that have no timer for it
 NO_NODE = 'somebody who is no node'
 UNNAMED = '_NODE_NAME_UNKNOWN_'  # of a node that is not known yet, or of a participant that is no node
-# What rclpy would say by itself of qualities of service, without the name of the node; and each costs the executor a look at every turn.
+# What rclpy would say by itself of qualities of service, without the name of the node; and each costs the executor a
+# look at every turn.
 SAID_HERE: dict[str, Any] = {'event_callbacks': PublisherEventCallbacks(use_default_callbacks=False)}
 HEARD_HERE: dict[str, Any] = {'event_callbacks': SubscriptionEventCallbacks(use_default_callbacks=False)}
 
@@ -44,9 +45,10 @@ def full_name(endpoint: TopicEndpointInfo) -> str:
 class Ear:
     """A subscription that follows who publishes, whenever `follow` is called.
 
-    It takes the first of `kinds` (class of the message -> what receives it) unless all who publish have another one of them, and is
-    reliable unless one of them publishes best effort: a reliable subscription is not given what they publish, and a best effort one is
-    given all. It is polled (`take`) where polled is set, for which its handle is held, else an executor spins it.
+    It takes the first of `kinds` (class of the message -> what receives it) unless all who publish have another one of
+    them, and is reliable unless one of them publishes best effort: a reliable subscription is not given what they
+    publish, and a best effort one is given all. It is polled (`take`) where polled is set, for which its handle is
+    held, else an executor spins it.
     """
 
     def __init__(
@@ -80,8 +82,8 @@ class Ear:
     def follow(self) -> bool:
         """Listen anew where who publishes wants it; whether that happened.
 
-        The subscription before may be in use in another thread: it is kept until the next call. One of another type has to be gone first,
-        for a participant has one type for a topic; where it is not, the next call tries again.
+        The subscription before may be in use in another thread: it is kept until the next call. One of another type has
+        to be gone first, for a participant has one type for a topic; where it is not, the next call tries again.
         """
         self._retired.close()
         wanted = self._wanted()
@@ -121,7 +123,9 @@ class Ear:
             return self.kind, self.reliability
         now = type_name(self.kind)
         kind = now if any(one.topic_type == now for one in found) else found[0].topic_type
-        best = any(one.topic_type == kind and one.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for one in found)
+        best = any(
+            one.topic_type == kind and one.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for one in found
+        )
         return names[kind], ReliabilityPolicy.BEST_EFFORT if best else ReliabilityPolicy.RELIABLE
 
 
@@ -136,10 +140,12 @@ class _Seen(NamedTuple):
 
 
 class Graph:
-    """Tells what of the topics of some nodes of this process does not match who is on the other side; each sentence once, while it holds.
+    """Tells what of the topics of some nodes of this process does not match who is on the other side; each sentence
+    once, while it holds.
 
-    alone: what follows where somebody else publishes on a topic that is published here, and what to do; '': nothing. A topic is looked at
-    closely when the number of its publishers or subscriptions has changed, and else in turn: that takes 50 us, and the counts take 5 us.
+    alone: what follows where somebody else publishes on a topic that is published here, and what to do; '': nothing. A
+    topic is looked at closely when the number of its publishers or subscriptions has changed, and else in turn: that
+    takes 50 us, and the counts take 5 us.
     """
 
     def __init__(self, node: Node, alone: Callable[[str], str] = lambda topic: '') -> None:
@@ -173,9 +179,13 @@ class Graph:
         for topic, seen in self._seen.items():
             for who in seen.others:
                 topics.setdefault((who, self._alone(topic)), []).append(topic)
-        return [f'{who} publishes {", ".join(sorted(names))} too: {follows}' for (who, follows), names in topics.items()]
+        return [
+            f'{who} publishes {", ".join(sorted(names))} too: {follows}' for (who, follows), names in topics.items()
+        ]
 
-    def _looked(self, topic: str, publishers: list[Publisher], subscriptions: list[Subscription], own: set[str], *, anyway: bool) -> _Seen:
+    def _looked(
+        self, topic: str, publishers: list[Publisher], subscriptions: list[Subscription], own: set[str], *, anyway: bool
+    ) -> _Seen:
         """Findings about a topic; those of before where nothing has changed."""
         node, before = self._node, self._seen.get(topic)
         ends: list[Publisher | Subscription] = [*publishers, *subscriptions]
@@ -184,10 +194,16 @@ class Graph:
         if before is not None and before.of == of and not before.again and not anyway:
             return before
         publishing = [one for one in node.get_publishers_info_by_topic(topic) if full_name(one) not in own]
-        hearing = [one for one in node.get_subscriptions_info_by_topic(topic) if full_name(one) not in own] if publishers else []
+        hearing = (
+            [one for one in node.get_subscriptions_info_by_topic(topic) if full_name(one) not in own]
+            if publishers
+            else []
+        )
         unnamed = frozenset(tuple(one.endpoint_gid) for one in (*publishing, *hearing) if not full_name(one))
         new = unnamed - (before.unnamed if before is not None else frozenset())
-        publishing, hearing = ([one for one in side if tuple(one.endpoint_gid) not in new] for side in (publishing, hearing))
+        publishing, hearing = (
+            [one for one in side if tuple(one.endpoint_gid) not in new] for side in (publishing, hearing)
+        )
         sentences, others = [], []
         for one in publishing:
             who = full_name(one) or NO_NODE
@@ -197,14 +213,17 @@ class Graph:
                 kind = type_name(publishers[0].msg_type)
                 if one.topic_type != kind:
                     sentences.append(
-                        f'{topic}: {who} publishes {one.topic_type}, and this node {kind}; rename one of the two (-r OLD:=NEW)'
+                        f'{topic}: {who} publishes {one.topic_type}, and this node {kind}; rename one of the two (-r '
+                        'OLD:=NEW)'
                     )
                 elif self._alone(topic):
                     others.append(who)
         for one in hearing:
             who = full_name(one) or NO_NODE
             sentences.append(min((_unmatched(topic, who, one, end) for end in publishers), key=len))
-        return _Seen(of, tuple(dict.fromkeys(filter(None, sentences))), tuple(dict.fromkeys(others)), unnamed, bool(new))
+        return _Seen(
+            of, tuple(dict.fromkeys(filter(None, sentences))), tuple(dict.fromkeys(others)), unnamed, bool(new)
+        )
 
 
 def _unmatched(topic: str, who: str, there: TopicEndpointInfo, here: Publisher | Subscription) -> str:
@@ -215,7 +234,10 @@ def _unmatched(topic: str, who: str, there: TopicEndpointInfo, here: Publisher |
     else:
         does, answers, verb, to, reason = 'publishes', 'subscribes to', 'publish', '', _apart(theirs, ours)
     if there.topic_type != kind:
-        return f'{topic}: {who} {does} {there.topic_type}, this node {answers} {kind}: no message passes; {verb}{to} {kind}'
+        return (
+            f'{topic}: {who} {does} {there.topic_type}, this node {answers} {kind}: no message passes; {verb}{to} '
+            f'{kind}'
+        )
     return f'{topic}: no message passes where {who} {verb}s: {reason}; {verb} {_quality(ours)}' if reason else ''
 
 
@@ -229,20 +251,28 @@ def _apart(publisher: QoSProfile, subscription: QoSProfile) -> str:
 
 
 def _finite(profile: QoSProfile) -> QoSProfile:
-    """With no durations instead of infinite ones: the graph has these where none was given, and the check takes them for such."""
+    """With no durations instead of infinite ones: the graph has these where none was given, and the check takes them
+    for such."""
     limits = {name: getattr(profile, name) for name in ('deadline', 'liveliness_lease_duration')}
     limits = {name: Duration() if value == Infinite else value for name, value in limits.items()}
-    return QoSProfile(depth=1, reliability=profile.reliability, durability=profile.durability, liveliness=profile.liveliness, **limits)
+    return QoSProfile(
+        depth=1, reliability=profile.reliability, durability=profile.durability, liveliness=profile.liveliness, **limits
+    )
 
 
 def _quality(profile: QoSProfile) -> str:
     """Quality of service that this node offers, or asks for, in the words of ROS."""
     reliable = 'best effort' if profile.reliability == ReliabilityPolicy.BEST_EFFORT else 'reliable'
-    return f'{reliable}, {"transient local" if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL else "volatile"}, without deadline'
+    return (
+        f'{reliable}, '
+        f'{"transient local" if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL else "volatile"}, without '
+        'deadline'
+    )
 
 
 class Watch:
-    """Looks at the graph around a node every SECONDS of its turns, for nodes that have no timer: their ears follow, and `Graph` tells."""
+    """Looks at the graph around a node every SECONDS of its turns, for nodes that have no timer: their ears follow, and
+    `Graph` tells."""
 
     def __init__(self, node: Node, ears: Sequence[Ear] = ()) -> None:
         self._node, self._ears, self._graph = node, ears, Graph(node)
@@ -262,7 +292,11 @@ def follow(node: Node, ears: Sequence[Ear]) -> bool:
     """Have ears follow who publishes, and say so; whether one of them listens anew."""
     changed = [ear for ear in ears if ear.follow()]
     for ear in changed:
-        lost = ', and what is lost on the way is not sent again' if ear.reliability == ReliabilityPolicy.BEST_EFFORT else ''
+        lost = (
+            ', and what is lost on the way is not sent again'
+            if ear.reliability == ReliabilityPolicy.BEST_EFFORT
+            else ''
+        )
         way = 'best effort' if ear.reliability == ReliabilityPolicy.BEST_EFFORT else 'reliable'
         node.get_logger().info(f'{ear.topic}: {type_name(ear.kind)}, {way}, as it is published{lost}')
     return bool(changed)

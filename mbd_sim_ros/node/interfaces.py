@@ -1,7 +1,9 @@
-"""Services and the action of simulation_interfaces 2.1, where that package is installed (github.com/ros-simulation/simulation_interfaces).
+"""Services and the action of simulation_interfaces 2.1, where that package is installed
+(github.com/ros-simulation/simulation_interfaces).
 
-They do what the services of type std_srvs/Trigger do, which are there in any case. Entities are the bodies of the model, by their names;
-the chassis can be placed. A world is a scene, by name or file. Types that an older version lacks are left out, and the log says which.
+They do what the services of type std_srvs/Trigger do, which are there in any case. Entities are the bodies of the
+model, by their names; the chassis can be placed. A world is a scene, by name or file. Types that an older version lacks
+are left out, and the log says which.
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ from solver.model.frames import matrix
 
 PACKAGE = 'simulation_interfaces'
 UNSUPPORTED, OK, NOT_FOUND, INCORRECT_STATE, FAILED = range(5)  # Result
-ALREADY, INVALID_POSE, NO_RESOURCE, PARSE_ERROR = 101, 101, 102, 103  # further ones of SetSimulationState, SetEntityState, LoadWorld
+# further ones of SetSimulationState, SetEntityState, LoadWorld
+ALREADY, INVALID_POSE, NO_RESOURCE, PARSE_ERROR = 101, 101, 102, 103
 STOPPED, PLAYING, PAUSED, QUITTING = range(4)  # SimulationState
 SCOPE_TIME, SCOPE_STATE, SCOPE_ALL = 1, 2, 255  # ResetSimulation
 OFFERED = {
@@ -77,13 +80,17 @@ class Interfaces:
             if kind is None:
                 missing.append(name)
                 continue
-            node.create_service(kind, f'~/{snake(name)}', call, callback_group=beside() if name == 'StepSimulation' else None)
+            node.create_service(
+                kind, f'~/{snake(name)}', call, callback_group=beside() if name == 'StepSimulation' else None
+            )
             self.offered.append(name)
         try:
             from rclpy.action import ActionServer
 
             action = importlib.import_module(f'{PACKAGE}.action').SimulateSteps
-            self._server = ActionServer(node, action, '~/simulate_steps', self._simulate, cancel_callback=lambda _: _accept_cancel())
+            self._server = ActionServer(
+                node, action, '~/simulate_steps', self._simulate, cancel_callback=lambda _: _accept_cancel()
+            )
             self._action = action
             self.offered.append('SimulateSteps')
         except (ImportError, AttributeError):
@@ -97,7 +104,9 @@ class Interfaces:
 
     def _features(self, _: Any, response: Any) -> Any:
         response.features.features = sorted(number for name in self.offered for number in FEATURES.get(name, ()))
-        response.features.custom_info = 'mbd_sim_ros: entities are the bodies of the model; accelerations are NaN; see docs/ros.md'
+        response.features.custom_info = (
+            'mbd_sim_ros: entities are the bodies of the model; accelerations are NaN; see docs/ros.md'
+        )
         return response
 
     def _state(self) -> int:
@@ -128,7 +137,9 @@ class Interfaces:
         scope = request.scope or SCOPE_ALL
         both = bool(scope & SCOPE_TIME), bool(scope & SCOPE_STATE)
         if not any(both):
-            return _answer(response, response.result, UNSUPPORTED, 'nothing is ever spawned: give SCOPE_TIME, SCOPE_STATE or both')
+            return _answer(
+                response, response.result, UNSUPPORTED, 'nothing is ever spawned: give SCOPE_TIME, SCOPE_STATE or both'
+            )
         done, text = asked(self._running, lambda running: running.reset(time=both[0], state=both[1]))
         return self._said('reset_simulation', response, response.result, done, text)
 
@@ -153,7 +164,9 @@ class Interfaces:
             goal.abort()
         return self._said('simulate_steps', result, result.result, done, text)
 
-    async def _steps(self, count: int, tell: Callable[[int], bool | None], *, one_by_one: bool = False) -> tuple[bool, str]:
+    async def _steps(
+        self, count: int, tell: Callable[[int], bool | None], *, one_by_one: bool = False
+    ) -> tuple[bool, str]:
         """Make steps while paused; tell(number so far) after each, or after all, and stop where it says so."""
         running = self._running
         if not running.loop.paused:
@@ -174,7 +187,10 @@ class Interfaces:
             lost = running.loop.dropped - dropped
             completed += portion - min(lost, portion)
             if lost:
-                return False, f'{completed} of {count} steps: the others were dropped by a pause, a resumption or a reset'
+                return (
+                    False,
+                    f'{completed} of {count} steps: the others were dropped by a pause, a resumption or a reset',
+                )
             if tell(completed):
                 break
         return True, f'{completed} steps, at t = {running.simulation.t_ns * 1e-9:.6f} s'
@@ -182,11 +198,15 @@ class Interfaces:
     def _entities(self, request: Any, response: Any) -> Any:
         filters = request.filters
         if filters.categories or filters.tags.tags or filters.bounds.type:
-            return _answer(response, response.result, UNSUPPORTED, 'entities have names only: no categories, tags or bounds')
+            return _answer(
+                response, response.result, UNSUPPORTED, 'entities have names only: no categories, tags or bounds'
+            )
         try:
             pattern = re.compile(filters.filter)
         except re.error as error:
-            return _answer(response, response.result, FAILED, f'filter {filters.filter!r} is no regular expression: {error}')
+            return _answer(
+                response, response.result, FAILED, f'filter {filters.filter!r} is no regular expression: {error}'
+            )
         response.entities = [name for name in self._running.simulation.channels.bodies if pattern.search(name)]
         return _answer(response, response.result, OK)
 
@@ -221,7 +241,9 @@ class Interfaces:
         q = pose.orientation
         frame = request.state.header.frame_id
         frame = '' if frame == 'world' else frame  # their name of the one that is meant where none is given
-        done, text = asked(self._running, lambda running: running.place(pose.position.x, pose.position.y, (q.x, q.y, q.z, q.w), frame))
+        done, text = asked(
+            self._running, lambda running: running.place(pose.position.x, pose.position.y, (q.x, q.y, q.z, q.w), frame)
+        )
         return self._said('set_entity_state', response, result, done, text, refused=INVALID_POSE)
 
     def _load(self, request: Any, response: Any) -> Any:

@@ -1,4 +1,5 @@
-"""The newest commands, as they hold: latched when they come, zero when they drive and are old, and in lockstep answers to a state."""
+"""The newest commands, as they hold: latched when they come, zero when they drive and are old, and in lockstep answers
+to a state."""
 
 from __future__ import annotations
 
@@ -46,8 +47,8 @@ class Latch:
     """Keeps the newest command of each name, and which state of lockstep they answer; for the simulation thread.
 
     commands: names, steering first. Drive torques and the accelerator among them count as zero when they are older than
-    pace.command_timeout; `stale` names those that do now. In lockstep an answer makes pace.lockstep_every steps, and the
-    states between are not waited for (`waits`).
+    pace.command_timeout; `stale` names those that do now. In lockstep an answer makes pace.lockstep_every steps, and
+    the states between are not waited for (`waits`).
     """
 
     def __init__(self, simulation: Timed, pace: Pace | None = None, commands: tuple[str, ...] = COMMANDS) -> None:
@@ -69,13 +70,15 @@ class Latch:
         """Latch a command by its place in `commands`."""
         old = self.newest
         put = lambda values, new: (*values[:index], new, *values[index + 1 :])  # noqa: E731
-        self.newest = Latched(put(old.values, value), put(old.times, self._simulation.t_ns), put(old.counts, old.counts[index] + 1))
+        self.newest = Latched(
+            put(old.values, value), put(old.times, self._simulation.t_ns), put(old.counts, old.counts[index] + 1)
+        )
 
     def answer(self, t_ns: int, values: dict[int, float]) -> bool:
         """Take commands (index -> value) that answer the state of simulation time `t_ns` [ns].
 
-        In lockstep only the answer to the state that is waiting counts, and only the first one; others are refused (False).
-        In the other modes the commands are latched like plain ones.
+        In lockstep only the answer to the state that is waiting counts, and only the first one; others are refused
+        (False). In the other modes the commands are latched like plain ones.
         """
         simulation, lockstep = self._simulation, self.pace.lockstep
         if lockstep and (t_ns != simulation.t_ns or self._answered == simulation.k or not self.waits):

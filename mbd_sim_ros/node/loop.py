@@ -27,7 +27,8 @@ REPEAT = 1.0  # s of waiting, in lockstep or paused, after which the state is pu
 ENDED = 'the simulation has ended'
 WINDOW = 4096  # steps over which step times are judged
 AT_ONCE = 0.01  # s, of simulated time and of the clock, that may pass in one call while nobody looks
-LATELY = 8  # calls by which it is judged what steps take; the quickest of them tells, for stalls are as long as they like
+# calls by which it is judged what steps take; the quickest of them tells, for stalls are as long as they like
+LATELY = 8
 
 
 class Stepper(Timed, Protocol):
@@ -56,16 +57,16 @@ class Loop:
     """Runs a simulation on a thread of its own.
 
     `poll()` fetches what came in since (for the latch), right before every step and while lockstep waits.
-    `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives).
-    If it returns the same array as for the step before, it does so while the commands stay.
-    `emit(snapshot)` is called on the simulation thread after every step that may be seen, and once at the start.
-    `hidden(most)` tells how many of the next steps, at most so many, nobody sees while nobody commands. These are made in one
-    call with the one behind them, with the same bits and without what waking costs. In real time the call begins earlier by
-    what they take, as the calls made lately tell, so that the step that is seen begins when it is due; none begins before
-    it is, for steps take less than they last. `passed()` is called behind each call, `repeat()` from time to time while
-    lockstep waits for a first or lost answer, and while paused.
-    dropped: steps that were asked for and not made, because of a pause, a resumption or a reset. After the thread has ended
-    `outcome` is a sentence and `error` the exception that ended it, if any.
+    `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver
+    drives). If it returns the same array as for the step before, it does so while the commands stay. `emit(snapshot)`
+    is called on the simulation thread after every step that may be seen, and once at the start. `hidden(most)` tells
+    how many of the next steps, at most so many, nobody sees while nobody commands. These are made in one call with the
+    one behind them, with the same bits and without what waking costs. In real time the call begins earlier by what they
+    take, as the calls made lately tell, so that the step that is seen begins when it is due; none begins before it is,
+    for steps take less than they last. `passed()` is called behind each call, `repeat()` from time to time while
+    lockstep waits for a first or lost answer, and while paused. dropped: steps that were asked for and not made,
+    because of a pause, a resumption or a reset. After the thread has ended `outcome` is a sentence and `error` the
+    exception that ended it, if any.
     """
 
     def __init__(
@@ -110,7 +111,8 @@ class Loop:
         self._thread.start()
 
     def prefer(self, priority: int) -> bool:
-        """Give this process a real-time priority, its simulation before its other threads; see mbd_sim_ros.node.priority."""
+        """Give this process a real-time priority, its simulation before its other threads; see
+        mbd_sim_ros.node.priority."""
         return prefer(self._thread.native_id, priority)
 
     @property
@@ -139,7 +141,8 @@ class Loop:
         return self._drop()
 
     def resume(self) -> int:
-        """Go on as the mode has it; returns how many steps that were asked for are not made for the asking (to be asked for)."""
+        """Go on as the mode has it; returns how many steps that were asked for are not made for the asking (to be asked
+        for)."""
         self.paused = False
         self._anchor = None
         self.judge_anew()
@@ -151,7 +154,8 @@ class Loop:
         return count
 
     def step(self, count: int) -> None:
-        """Do `count` steps now, whether paused or waiting for commands (to be asked for); what was commanded before counts in them."""
+        """Do `count` steps now, whether paused or waiting for commands (to be asked for); what was commanded before
+        counts in them."""
         if self.pace.lockstep:  # which does not look while it is paused
             self._poll()
         self._pending += count
@@ -188,7 +192,8 @@ class Loop:
         self.judge_anew()
         now, t_ns = self._judged
         elapsed, advanced = now - before, (t_ns - begun) * 1e-9
-        times = sorted(self._times) or [0.0]  # a quarter of what numpy takes of the interpreter lock, for which the simulation waits
+        # a quarter of what numpy takes of the interpreter lock, for which the simulation waits
+        times = sorted(self._times) or [0.0]
         self._times.clear()
         p50, p99 = (times[int(part * (len(times) - 1) + 0.5)] for part in (0.5, 0.99))
         return Health(

@@ -56,12 +56,15 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
 
     if (lost := overtaken(overrides)) is not None:
         raise SpecError(
-            f'parameter overrides: {lost[0]} has no effect, because {lost[1]} comes later and replaces all of it; give {lost[1]} first'
+            f'parameter overrides: {lost[0]} has no effect, because {lost[1]} comes later and replaces all of it; give '
+            f'{lost[1]} first'
         )
     loaded = load_published(scene, overrides)
     kind = loaded.integrator.kind
     if kind not in KINDS:
-        raise SpecError(f'integrator: kind = {kind!r}: a node steps with {" or ".join(KINDS)}; run this one with mbd run')
+        raise SpecError(
+            f'integrator: kind = {kind!r}: a node steps with {" or ".join(KINDS)}; run this one with mbd run'
+        )
     compiling.tell(True, loaded.model)
     simulation = simulation_of(loaded)
     simulation.advance(1, inputs=simulation.snapshot().inputs)  # compiles what a step needs before pacing starts
@@ -82,7 +85,11 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
     try:
         import rclpy
         from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
-        from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, NameValidationException
+        from rclpy.exceptions import (
+            InvalidParameterTypeException,
+            InvalidParameterValueException,
+            NameValidationException,
+        )
         from rclpy.signals import SignalHandlerOptions
     except ImportError as error:
         print(f'{name}: {missing(error)}', file=sys.stderr)
@@ -95,7 +102,10 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
             if word in ('-h', '--help'):
                 print(f'{name}: parameters are given as --ros-args -p NAME:=VALUE; docs/ros.md lists them')
                 return 0
-            print(f'{name}: {word!r} is not understood: parameters are given as --ros-args -p NAME:=VALUE', file=sys.stderr)
+            print(
+                f'{name}: {word!r} is not understood: parameters are given as --ros-args -p NAME:=VALUE',
+                file=sys.stderr,
+            )
             return 2
         for file in _parameter_files(given):
             if not file.is_file():
@@ -123,7 +133,8 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
     except NameValidationException as error:  # three lines: what is wrong, the name, an arrow to the place in it
         print(f'{name}: {" ".join(str(error).split()[:-1])}', file=sys.stderr)
         return 2
-    except RCLError as error:  # of rclpy.init: arguments and parameter files; the place in its source follows the reason
+    except RCLError as error:
+        # of rclpy.init: arguments and parameter files; the place in its source follows the reason
         print(f'{name}: {" ".join(str(error).split(", at ")[0].split())}', file=sys.stderr)
         return 2
     except ImportError as error:
@@ -175,7 +186,9 @@ def _simulate() -> int:
     node = Simulator(prepare)
     name = node.value('scene')
     if not name:
-        raise SceneError('parameter scene is empty: give one with --ros-args -p scene:=NAME; known: ' + ', '.join(known_names()))
+        raise SceneError(
+            'parameter scene is empty: give one with --ros-args -p scene:=NAME; known: ' + ', '.join(known_names())
+        )
     interrupts.now(f'preparing {name}')
     node.get_logger().info(f'preparing {name} (the first time this compiles, which takes about a minute)')
     scene, simulation = prepare(name, [text for text in node.value('overrides') if text])
@@ -194,7 +207,9 @@ def _simulate() -> int:
     with interrupts.held():
         code = 0
         try:
-            node.get_logger().info(f'running {scene.name}: step {simulation.h_ns * 1e-6:g} ms, mode {node.value("mode")}')
+            node.get_logger().info(
+                f'running {scene.name}: step {simulation.h_ns * 1e-6:g} ms, mode {node.value("mode")}'
+            )
             executor.add_node(node)
             while not interrupts.event.is_set() and not node.loop.done.is_set():
                 spin_once(executor, node, LOOK)

@@ -1,8 +1,8 @@
 """The node `maneuver`: answers the states of a simulator with the commands of a maneuver (see maneuver_player.py).
 
-To a simulator without `lockstep_cmd` it sends the plain commands: steering and torques, and those of pedals and gear that it has. A
-simulator in lockstep publishes its state again when no answer comes; that is answered only once it is clear that the first answer was
-lost: two plain answers to one state would become the commands of two steps.
+To a simulator without `lockstep_cmd` it sends the plain commands: steering and torques, and those of pedals and gear
+that it has. A simulator in lockstep publishes its state again when no answer comes; that is answered only once it is
+clear that the first answer was lost: two plain answers to one state would become the commands of two steps.
 """
 
 from __future__ import annotations
@@ -32,14 +32,17 @@ FIND = 1.5  # s after the first state in which a simulator that takes stamped co
 
 
 class Player(Node):
-    """Answers every `cmd_applied` with commands. answered: stamp of the newest [ns]; -1: none. what: is played. Raises MbdError."""
+    """Answers every `cmd_applied` with commands. answered: stamp of the newest [ns]; -1: none. what: is played. Raises
+    MbdError."""
 
     def __init__(self, parameters: Mapping[str, tuple[Any, str]]) -> None:
         super().__init__('maneuver')
         declare_described(self, parameters)
         name, scene, simulator = self.value('maneuver'), self.value('scene'), self.value('simulator')
         if bool(name) == bool(scene):
-            raise SceneError('give either a maneuver or a scene: --ros-args -p maneuver:=FILE_OR_NAME, or -p scene:=FILE_OR_NAME')
+            raise SceneError(
+                'give either a maneuver or a scene: --ros-args -p maneuver:=FILE_OR_NAME, or -p scene:=FILE_OR_NAME'
+            )
         self._duration = self.value('duration')
         self._steers: bool | None = True  # by the angle of the wheel; None: if the simulator takes one
         if scene:
@@ -61,7 +64,10 @@ class Player(Node):
             if (one := commanded(name)).topic not in NAMED
         }
         self._stamped = self.create_publisher(
-            JointState, f'{simulator}/lockstep_cmd', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE), **SAID_HERE
+            JointState,
+            f'{simulator}/lockstep_cmd',
+            QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE),
+            **SAID_HERE,
         )
         self.create_subscription(JointState, 'cmd_applied', self._answer, newest, raw=True, **HEARD_HERE)
         self._watch = Watch(self)

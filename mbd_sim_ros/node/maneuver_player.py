@@ -1,8 +1,9 @@
 """Executable `maneuver`: plays a maneuver onto the command topics in simulation time (see maneuver_node.py).
 
-It answers the newest `cmd_applied` of the simulator (whose stamp is the simulation time) with the commands for that time, in
-one stamped message on `lockstep_cmd`, at most `rate` times a second (a command costs the simulator more than a step does), so it keeps
-pace in every mode; in lockstep the pair is deterministic. Exit code 0 when the maneuver or the simulator ends.
+It answers the newest `cmd_applied` of the simulator (whose stamp is the simulation time) with the commands for that
+time, in one stamped message on `lockstep_cmd`, at most `rate` times a second (a command costs the simulator more than a
+step does), so it keeps pace in every mode; in lockstep the pair is deterministic. Exit code 0 when the maneuver or the
+simulator ends.
 """
 
 from __future__ import annotations

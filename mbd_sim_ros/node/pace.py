@@ -13,9 +13,9 @@ MODES = ('realtime', 'fast', 'lockstep')
 class Pace:
     """Pace that loop, commands and publishing share.
 
-    rate_factor: simulated per elapsed time in real time. command_timeout: age [s] from which a command that drives counts
-    as zero; 0: never. In lockstep an answer is a command at each of the places lockstep_commands, or a stamped one; it makes
-    lockstep_every steps.
+    rate_factor: simulated per elapsed time in real time. command_timeout: age [s] from which a command that drives
+    counts as zero; 0: never. In lockstep an answer is a command at each of the places lockstep_commands, or a stamped
+    one; it makes lockstep_every steps.
     """
 
     mode: Mode = 'realtime'

@@ -8,9 +8,9 @@ import os
 def prefer(first: int | None, priority: int) -> bool:
     """Give every thread of this process a real-time priority (SCHED_FIFO, 1 to 99), or ordinary scheduling for 0.
 
-    All of them, because whichever holds the interpreter lock is the one the `first` (native id) waits for; that one above the
-    others, or it waits for those of the middleware when they have all cores. Beside other busy processes this decides between
-    steps that begin 20 us and steps that begin 5 ms late. Returns whether the system permits it.
+    All of them, because whichever holds the interpreter lock is the one the `first` (native id) waits for; that one
+    above the others, or it waits for those of the middleware when they have all cores. Beside other busy processes this
+    decides between steps that begin 20 us and steps that begin 5 ms late. Returns whether the system permits it.
     """
     try:
         policy = os.SCHED_FIFO if priority else os.SCHED_OTHER

@@ -1,4 +1,5 @@
-"""Publishing encoded messages with rclpy: bytes go out as they are, after one check that ROS reads the same numbers in them."""
+"""Publishing encoded messages with rclpy: bytes go out as they are, after one check that ROS reads the same numbers in
+them."""
 
 from __future__ import annotations
 
@@ -30,8 +31,8 @@ from solver.errors import SpecError
 def leave_sending_to_the_middleware() -> None:
     """Have Fast DDS send from a thread of its own, unless the user has chosen otherwise; before the first node is made.
 
-    Publishing then costs the simulation thread less than half, for more CPU time in all (docs/decisions/0006-asynchronous-publishing.md).
-    Other middlewares ignore it.
+    Publishing then costs the simulation thread less than half, for more CPU time in all
+    (docs/decisions/0006-asynchronous-publishing.md). Other middlewares ignore it.
     """
     os.environ.setdefault('RMW_FASTRTPS_PUBLICATION_MODE', 'ASYNCHRONOUS')
 
@@ -59,7 +60,12 @@ def assign(message: Any, value: dict[str, Any]) -> Any:
             assign(current, item)
         elif isinstance(item, list) and item and isinstance(item[0], dict):
             # The class of the elements is not stored in an empty sequence: it is in the message's type description.
-            kind = message.get_fields_and_field_types()[name].removeprefix('sequence<').removesuffix('>').replace('/', '/msg/', 1)
+            kind = (
+                message.get_fields_and_field_types()[name]
+                .removeprefix('sequence<')
+                .removesuffix('>')
+                .replace('/', '/msg/', 1)
+            )
             setattr(message, name, [assign(message_class(kind)(), one) for one in item])
         elif isinstance(item, np.ndarray):
             setattr(message, name, np.array(item) if isinstance(current, np.ndarray) else item.tolist())
@@ -71,7 +77,8 @@ def assign(message: Any, value: dict[str, Any]) -> Any:
 HEARD = 0.1  # s between looks for subscribers of a topic
 ORDER = tuple(RATES)  # what matters most comes first
 SHARED = ('joint_states', 'tf')  # what several nodes may publish parts of
-ANSWERED = ('cmd_applied', 'odom')  # what is answered in lockstep: of every state that waits, or nobody could, and of no other one
+# what is answered in lockstep: of every state that waits, or nobody could, and of no other one
+ANSWERED = ('cmd_applied', 'odom')
 
 
 def rated(topic: str) -> str:
@@ -83,8 +90,9 @@ def rated(topic: str) -> str:
 class Channel:
     """A topic that is published.
 
-    kind: class of its messages where they are not published as they are. periods: a step has a message whose number is a
-    multiple of one of these. heard: somebody subscribes to it, or may later and has to get the last message all the same.
+    kind: class of its messages where they are not published as they are. periods: a step has a message whose number is
+    a multiple of one of these. heard: somebody subscribes to it, or may later and has to get the last message all the
+    same.
     """
 
     place: int  # among the encoded messages
@@ -103,13 +111,16 @@ class Channel:
 class Publication:
     """One publisher per topic for messages that come encoded.
 
-    At the start every message is read back by the middleware's own decoder; a type for which that does not give the same
-    numbers is published as an ordinary message instead (slower). Types that are not installed (tf2_msgs without ROS) are left out,
-    as are the topics named in `silent`. Topics are published in the order of ORDER, so that what matters most is never dropped first:
-    dropped counts, by topic, the messages that found no time (see publish). Raises SpecError for what ROS takes for no name of a topic.
+    At the start every message is read back by the middleware's own decoder; a type for which that does not give the
+    same numbers is published as an ordinary message instead (slower). Types that are not installed (tf2_msgs without
+    ROS) are left out, as are the topics named in `silent`. Topics are published in the order of ORDER, so that what
+    matters most is never dropped first: dropped counts, by topic, the messages that found no time (see publish). Raises
+    SpecError for what ROS takes for no name of a topic.
     """
 
-    def __init__(self, node: Node, topics: Sequence[Topic], samples: Sequence[bytes | None], *, silent: Sequence[str] = ()) -> None:
+    def __init__(
+        self, node: Node, topics: Sequence[Topic], samples: Sequence[bytes | None], *, silent: Sequence[str] = ()
+    ) -> None:
         self.channels: list[Channel] = []  # in the order of ORDER
         self._looked, self._next = -math.inf, 0  # clock reading; place among the channels
         self._look_again = -math.inf  # clock reading of the next look
@@ -128,13 +139,16 @@ class Publication:
             except InvalidTopicNameException as error:
                 self.close(node)
                 raise SpecError(
-                    f'topic {topic.name!r}: names of topics have letters, digits and _, no digit first; rename what is called so'
+                    f'topic {topic.name!r}: names of topics have letters, digits and _, no digit first; rename what is '
+                    'called so'
                 ) from error
             assert sample is not None
             value, _ = decode(topic.type, schema_text(topic.type), sample)
             plain = deserialize_message(sample, kind) == assign(kind(), value)
             if not plain:
-                node.get_logger().warning(f'{topic.name}: ROS reads other numbers in the encoded message; publishing ordinary messages')
+                node.get_logger().warning(
+                    f'{topic.name}: ROS reads other numbers in the encoded message; publishing ordinary messages'
+                )
             self.channels.append(Channel(i, topic, publisher, None if plain else kind))
         self._note_heard()
 
@@ -161,10 +175,10 @@ class Publication:
     def due(self, k: int, *, waits: bool | None = None) -> list[Channel]:
         """The topics of which step k has a message for somebody.
 
-        waits: whether lockstep waits to have this step answered; None: in the other modes. A step that waits has a message
-        also where nobody subscribes, as far as the last look has seen, and one of ANSWERED whatever their rates; one that does
-        not has none of these. Otherwise who comes later than its last look for subscribers, HEARD ago at most, misses what was
-        published since.
+        waits: whether lockstep waits to have this step answered; None: in the other modes. A step that waits has a
+        message also where nobody subscribes, as far as the last look has seen, and one of ANSWERED whatever their
+        rates; one that does not has none of these. Otherwise who comes later than its last look for subscribers, HEARD
+        ago at most, misses what was published since.
         """
         self._look()
         if waits is None:
@@ -174,12 +188,14 @@ class Publication:
         return [channel for channel in self._heard if not channel.answered and due(k, channel.periods)]
 
     def periods(self, *, lockstep: bool = False) -> Set[int]:
-        """A step is due whose number is a multiple of one of these. lockstep: of steps that it does not wait to have answered."""
+        """A step is due whose number is a multiple of one of these. lockstep: of steps that it does not wait to have
+        answered."""
         self._look()
         return self._unanswered if lockstep else self._periods
 
     def _look(self) -> None:
-        """See who subscribes to the topics in turn, to each every HEARD: to all of them at once takes half of a step of 1 ms."""
+        """See who subscribes to the topics in turn, to each every HEARD: to all of them at once takes half of a step of
+        1 ms."""
         now = time.perf_counter()
         if now < self._look_again or not self.channels:
             return
@@ -197,13 +213,17 @@ class Publication:
             self._note_heard()
 
     def _note_heard(self) -> None:
-        """Keep for every step what changes seldom: the channels that are heard, and the periods of their messages [steps]."""
+        """Keep for every step what changes seldom: the channels that are heard, and the periods of their messages
+        [steps]."""
         self._heard = [channel for channel in self.channels if channel.heard]
         self._periods: Set[int] = {period for channel in self._heard for period in channel.periods}
-        self._unanswered: Set[int] = {period for channel in self._heard if not channel.answered for period in channel.periods}
+        self._unanswered: Set[int] = {
+            period for channel in self._heard if not channel.answered for period in channel.periods
+        }
 
     def publish(self, messages: Sequence[bytes | None], channels: Sequence[Channel], budget: float = 0.0) -> None:
-        """Publish one message for each of these topics, where there is one; what is not begun after `budget` [s] is dropped."""
+        """Publish one message for each of these topics, where there is one; what is not begun after `budget` [s] is
+        dropped."""
         end, late = time.perf_counter() + budget if budget > 0.0 else math.inf, False
         for channel in channels:
             data = messages[channel.place]

@@ -26,8 +26,8 @@ from solver.scene import Scene
 class Recording:
     """Records the steps of a simulation while `recorder` is there.
 
-    failed: why a recording that is wanted is not there now (None: nothing is wrong). first_failure: the first of these, which stays: what
-    it should hold is not recorded, whatever came afterwards.
+    failed: why a recording that is wanted is not there now (None: nothing is wrong). first_failure: the first of these,
+    which stays: what it should hold is not recorded, whatever came afterwards.
     """
 
     def __init__(self, node: Node, scene: Scene, simulation, messages: Messages, envelope: Envelope, urdf: str) -> None:
@@ -40,7 +40,8 @@ class Recording:
         self._written = -1  # step whose messages were recorded last
 
     def begin(self, out: str = '') -> Path:
-        """Begin with the state of now; for the simulation thread, or before there is one. Raises BagError, which `failed` is then."""
+        """Begin with the state of now; for the simulation thread, or before there is one. Raises BagError, which
+        `failed` is then."""
         try:
             self.recorder = self._new_recorder(out)
         except BagError as error:
@@ -77,7 +78,8 @@ class Recording:
         return () if self.recorder is None else (self._every,)
 
     def note(self, last: int, inputs: np.ndarray) -> None:
-        """Note the inputs (n, nu) of the n steps that led to step `last`: those of every step, or the run could not be replayed."""
+        """Note the inputs (n, nu) of the n steps that led to step `last`: those of every step, or the run could not be
+        replayed."""
         if self.recorder is not None:
             self.recorder.note(last, inputs)
 
@@ -102,12 +104,15 @@ class Recording:
         """Findings on the run if it ends here."""
         return judged(self._simulation, self._envelope, ended=True)
 
-    def end(self, loop: Loop, outcome: str, found: list[Finding] | None = None, last: Snapshot | None = None) -> Path | None:
-        """Finish the recording; returns its directory, or None where there is none. Raises BagError, which `failed` is then.
+    def end(
+        self, loop: Loop, outcome: str, found: list[Finding] | None = None, last: Snapshot | None = None
+    ) -> Path | None:
+        """Finish the recording; returns its directory, or None where there is none. Raises BagError, which `failed` is
+        then.
 
-        loop: its figures stand in the verdict. found, last: what made the recording suspect, and its last state, where the
-        simulation is elsewhere by now. That state is recorded whatever its step, or the inputs of the steps behind the last
-        instant of record.every would be lost.
+        loop: its figures stand in the verdict. found, last: what made the recording suspect, and its last state, where
+        the simulation is elsewhere by now. That state is recorded whatever its step, or the inputs of the steps behind
+        the last instant of record.every would be lost.
         """
         recorder = self.recorder
         if recorder is None:
@@ -115,12 +120,23 @@ class Recording:
         if loop.error is None:
             self.take_last(last)
         self.recorder = None
-        figures = {'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips, 'wall_time': f'{loop.wall_time:.3f}'}
+        figures = {
+            'steps': loop.steps,
+            'overruns': loop.overruns,
+            'schedule_slips': loop.slips,
+            'wall_time': f'{loop.wall_time:.3f}',
+        }
         events = json.dumps([event._asdict() for event in self._simulation.events])
         found = self.found() if found is None else found
-        verdict = {'end': outcome, 'status': status_of(found, failed=bool(loop.error)), 'findings': json.dumps(report(found))}
+        verdict = {
+            'end': outcome,
+            'status': status_of(found, failed=bool(loop.error)),
+            'findings': json.dumps(report(found)),
+        }
         try:
-            return recorder.close({**verdict, **{key: str(value) for key, value in figures.items()}, 'event_list': events})
+            return recorder.close(
+                {**verdict, **{key: str(value) for key, value in figures.items()}, 'event_list': events}
+            )
         except BagError as error:
             self._fail(error)
             raise

@@ -1,4 +1,5 @@
-"""A scene that runs in a node: its loop, and what goes in and out at every step. It paces and publishes; it never integrates."""
+"""A scene that runs in a node: its loop, and what goes in and out at every step. It paces and publishes; it never
+integrates."""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ if TYPE_CHECKING:
 
 MIXED = 'who listens hears both, mixed; give one of the two a namespace (-r __ns:=/car2)'
 JUMPS = (
-    'time jumps back and forth for everybody with use_sim_time; set publish_clock to false in all simulators but one, or give each a '
+    'time jumps back and forth for everybody with use_sim_time; set publish_clock to false in all simulators but one, '
+    'or give each a '
     'ROS_DOMAIN_ID of its own'
 )
 
@@ -56,18 +58,21 @@ def heading_of(orientation: Sequence[float]) -> float:
 
 
 def thinned(rate: float, h: float, of: int) -> int:
-    """Steps of h [s] between messages at a rate of at most `rate` [Hz] (0: all of them), of which there is one every `of` steps."""
+    """Steps of h [s] between messages at a rate of at most `rate` [Hz] (0: all of them), of which there is one every
+    `of` steps."""
     return of * max(1, math.ceil(round(1.0 / (rate * of * h), 6))) if rate > 0.0 else 1
 
 
 class Running:
-    """Connects a simulation (solver.simulation.Simulation or alike) with the topics of a node; `start` starts it, `close` ends it.
+    """Connects a simulation (solver.simulation.Simulation or alike) with the topics of a node; `start` starts it,
+    `close` ends it.
 
     Raises MbdError.
     """
 
     def __init__(self, node: Node, scene: Scene, simulation: Simulation, *, first: bool = True) -> None:
-        """first: of the node; others do not restore the state, nor record into the directory, that its parameters name."""
+        """first: of the node; others do not restore the state, nor record into the directory, that its parameters
+        name."""
         self.node, self.scene, self.simulation = node, scene, simulation
         self._priority = 0
         names = commands_of(simulation.channels.inputs, scene.actuation.steering)
@@ -78,14 +83,16 @@ class Running:
         if first and self.value('restore') and (text := self.driving.restore(Path(self.value('restore')))):
             node.get_logger().warning(text)
         self.envelope = Envelope(simulation)
-        self.error = kept(simulation.scene) if hasattr(simulation, 'engine') else NONE  # a stand-in has no scene of its own
+        # a stand-in has no scene of its own
+        self.error = kept(simulation.scene) if hasattr(simulation, 'engine') else NONE
         self._urdf = self.value('robot_description') or simulation.urdf()
         with ExitStack() as refused:  # whatever does not start leaves nothing in the graph
             self._connect(self.value('out') if first else '', refused)
             refused.pop_all()
 
     def _connect(self, out: str, refused: ExitStack) -> None:
-        """Make what publishes, listens and records, in this order; the description, which is kept for who comes later, is the last."""
+        """Make what publishes, listens and records, in this order; the description, which is kept for who comes later,
+        is the last."""
         node, scene, simulation, driving = self.node, self.scene, self.simulation, self.driving
         self._messages = messages = Messages.of(scene, simulation, self.value('frame_prefix'))
         silent = () if self.value('publish_elements') else ('element_states', 'reactions')
@@ -165,16 +172,20 @@ class Running:
         self.warn_of_lockstep()
         if self.driving.uncommanded and not self.driving.deaf:
             held = f'no command is for {", ".join(self.driving.uncommanded)}: held as at the start'
-            self.node.get_logger().warning(f'{held}; with the parameter commands = maneuver the maneuver of the scene drives')
+            self.node.get_logger().warning(
+                f'{held}; with the parameter commands = maneuver the maneuver of the scene drives'
+            )
 
     def warn_of_lockstep(self) -> None:
-        """Say where nothing but ~/step will make a step, or where what drives ends before the answer that commands it."""
+        """Say where nothing but ~/step will make a step, or where what drives ends before the answer that commands
+        it."""
         pace = self.latch.pace
         if not pace.lockstep:
             return
         if self.driving.deaf:
             self.node.get_logger().warning(
-                "mode lockstep waits for commands, and the parameter commands = 'maneuver' has the node listen to none: only ~/step makes "
+                "mode lockstep waits for commands, and the parameter commands = 'maneuver' has the node listen to "
+                'none: only ~/step makes '
                 'steps; use commands:=topics and the node maneuver, or another mode'
             )
         held = pace.lockstep_every * self.simulation.h_ns * 1e-9
@@ -231,13 +242,15 @@ class Running:
 
     def _describe(self) -> None:
         """Say once, also to who comes later, what runs: the spanning tree as URDF, and the whole scene as text."""
-        latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        latched = QoSProfile(
+            depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+        )
         told = {'robot_description': self._urdf, '~/scene': tell(self.scene, self.simulation)}
         self._descriptions = [self.node.create_publisher(String, topic, latched, **SAID_HERE) for topic in told]
         for publisher, text in zip(self._descriptions, told.values(), strict=True):
             publisher.publish(String(data=text))
 
-    # -- on the simulation thread --------------------------------------------------------------------------------------
+    # -- on the simulation thread -------------------------------------------------------------------------------------
 
     def begin_recording(self, out: str = '') -> Path:
         """Begin a recording; see Recording.begin. Raises BagError."""
@@ -284,13 +297,16 @@ class Running:
         return ''
 
     def place(self, x: float, y: float, orientation: Sequence[float], frame: str = '') -> str:
-        """Move the vehicle to x, y [m] and the heading of a quaternion xyzw, and show it; a recording goes on in a new directory.
+        """Move the vehicle to x, y [m] and the heading of a quaternion xyzw, and show it; a recording goes on in a new
+        directory.
 
         frame: in which they are given: none, map, or odom with its prefix, which are all the world. Raises SpecError.
         """
         odom = self.value('frame_prefix') + 'odom'
         if frame not in ('', 'map', odom):
-            raise SpecError(f'frame {frame!r}: a pose must be given in map or {odom}; set the fixed frame of its sender')
+            raise SpecError(
+                f'frame {frame!r}: a pose must be given in map or {odom}; set the fixed frame of its sender'
+            )
         heading = heading_of(orientation)
         if not (math.isfinite(x) and math.isfinite(y)):
             raise SpecError(f'x = {x}, y = {y}: must be two finite numbers')

@@ -1,4 +1,5 @@
-"""The services of a node: each call is done by the simulation thread between two steps, answered with one sentence, and logged."""
+"""The services of a node: each call is done by the simulation thread between two steps, answered with one sentence, and
+logged."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ TURN, LONGEST_TURN = 2e-4, 5e-3  # s between looks at steps that are being made:
 
 
 class Host(Protocol):
-    """The node that has the services. stopped: it was told to stop, or has loaded another scene, and has not been started since."""
+    """The node that has the services. stopped: it was told to stop, or has loaded another scene, and has not been
+    started since."""
 
     running: Running
     stopped: bool
@@ -53,7 +55,10 @@ def reset(running: Running) -> str:
 def step(running: Running) -> str:
     """do `step_count` steps while paused or in lockstep; answered when they are made"""
     if not running.loop.paused and running.loop.pace.mode != 'lockstep':
-        raise SpecError(f'the simulation is running (mode {running.loop.pace.mode}): call ~/pause before ~/step, or use mode lockstep')
+        raise SpecError(
+            f'the simulation is running (mode {running.loop.pace.mode}): call ~/pause before ~/step, or use mode '
+            'lockstep'
+        )
     count = running.value('step_count')
     running.loop.step(count)
     return f'{count} steps from step {running.simulation.k}'
@@ -79,7 +84,15 @@ def stop_recording(running: Running) -> str:
     return str(directory)
 
 
-ACTIONS: tuple[Callable[[Running], str], ...] = (pause, resume, reset, step, save_state, start_recording, stop_recording)
+ACTIONS: tuple[Callable[[Running], str], ...] = (
+    pause,
+    resume,
+    reset,
+    step,
+    save_state,
+    start_recording,
+    stop_recording,
+)
 LOAD = 'load the scene that the parameters `scene` and `overrides` name now; it stands at its start, paused'
 SERVICES = {**{action.__name__: action.__doc__ or '' for action in ACTIONS}, 'load': LOAD}
 
@@ -98,7 +111,8 @@ class _Turn:
 
 
 async def made(node: Node, host: Host, running: Running) -> str:
-    """Give the executor turns until the steps that were asked for are made, or dropped; why they never will be, or ''."""
+    """Give the executor turns until the steps that were asked for are made, or dropped; why they never will be, or
+    ''."""
     seconds = TURN
     while running.loop.stepping:
         if running.loop.done.is_set() or running is not host.running or interrupts.event.is_set():
@@ -155,7 +169,9 @@ def _load(host: Host) -> tuple[bool, str]:
         return False, str(error)
 
 
-def _service(node: Node, name: str, do: Callable[[], tuple[bool, str] | Awaitable[tuple[bool, str]]]) -> Callable[[Any, Any], Any]:
+def _service(
+    node: Node, name: str, do: Callable[[], tuple[bool, str] | Awaitable[tuple[bool, str]]]
+) -> Callable[[Any, Any], Any]:
     async def call(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         done = do()
         response.success, response.message = done if isinstance(done, tuple) else await done

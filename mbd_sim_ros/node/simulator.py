@@ -95,7 +95,8 @@ class Simulator(Node):
         self.running.start()
 
     def load(self, name: str, overrides: list[str]) -> str:
-        """Take another scene, which stands at its start, paused; the one that runs goes on until that is ready. Raises MbdError."""
+        """Take another scene, which stands at its start, paused; the one that runs goes on until that is ready. Raises
+        MbdError."""
         self.get_logger().info(f'preparing {name}')
         scene, simulation = self._prepared(name, overrides)
         old, new = self.running, Running(self, scene, simulation, first=False)
@@ -108,7 +109,8 @@ class Simulator(Node):
         return f'{scene.name} stands at its start' + (f'; the scene before ended with code {code}' if code else '')
 
     def _prepared(self, name: str, overrides: list[str]) -> tuple[Any, Any]:
-        """Have a scene prepared by a thread of its own, for that may take minutes, and look for signals meanwhile. Raises MbdError."""
+        """Have a scene prepared by a thread of its own, for that may take minutes, and look for signals meanwhile.
+        Raises MbdError."""
         found: Future = Future()
 
         def prepare() -> None:
@@ -126,16 +128,20 @@ class Simulator(Node):
 
     def _place(self, message: PoseWithCovarianceStamped) -> None:
         p, q = message.pose.pose.position, message.pose.pose.orientation
-        done, text = asked(self.running, lambda running: running.place(p.x, p.y, (q.x, q.y, q.z, q.w), message.header.frame_id))
+        done, text = asked(
+            self.running, lambda running: running.place(p.x, p.y, (q.x, q.y, q.z, q.w), message.header.frame_id)
+        )
         if done:
             self.get_logger().info(f'initialpose: {text}')
         else:
             self.get_logger().warning(f'initialpose refused: {text}')
 
     def close(self, outcome: str) -> int:
-        """End the simulation thread, finish the recording and return the exit code: that of the first thing that went wrong since `open`.
+        """End the simulation thread, finish the recording and return the exit code: that of the first thing that went
+        wrong since `open`.
 
-        May be called when `open` failed or never ran. A simulation that failed is told in the diagnostics before they fall silent.
+        May be called when `open` failed or never ran. A simulation that failed is told in the diagnostics before they
+        fall silent.
         """
         if hasattr(self, '_diagnostics') and self.loop.error is not None:
             self._diagnose()
@@ -148,15 +154,20 @@ class Simulator(Node):
         stale = {commanded(name) for name in self.running.latch.stale}
         for one in stale - self._stale_said:
             self.get_logger().warning(
-                f'no {one.topic} for {self.running.latch.pace.command_timeout:g} s: the {one.called} is zero until one comes'
+                f'no {one.topic} for {self.running.latch.pace.command_timeout:g} s: the {one.called} is zero until one '
+                'comes'
             )
         self._stale_said = stale
         running = self.running
         running.commands.look_around()
         full = self.get_fully_qualified_name()
-        namesakes = [f'{space.rstrip("/")}/{name}' for name, space in self.get_node_names_and_namespaces()].count(full) - 1
+        namesakes = [f'{space.rstrip("/")}/{name}' for name, space in self.get_node_names_and_namespaces()].count(
+            full
+        ) - 1
         if namesakes > self._namesakes:
-            self.get_logger().warning(f'another node is called {full}: both take the commands and publish the same topics; rename one')
+            self.get_logger().warning(
+                f'another node is called {full}: both take the commands and publish the same topics; rename one'
+            )
         self._namesakes = max(namesakes, 0)
         follow(self, (self._poses,))
         listening = running.commands.node
@@ -164,7 +175,8 @@ class Simulator(Node):
         recording = running.recording
         status = diagnosis(
             self.loop, recording.recorder, recording.failed,
-            refused=running.commands.refused, namesakes=self._namesakes, envelope=running.envelope, unpublished=running.dropped,
+            refused=running.commands.refused, namesakes=self._namesakes, envelope=running.envelope,
+            unpublished=running.dropped,
             unmatched=unmatched, error=running.error,
         )  # fmt: skip
         status.name = f'{full}: simulation'

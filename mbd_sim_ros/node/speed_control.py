@@ -29,9 +29,9 @@ DRIVE, NEUTRAL, REVERSE, PARK = 'drive', 'neutral', 'reverse', 'park'
 class Demand:
     """Wanted motion of a car. A value of None is left to the control loop.
 
-    steering: mean angle of the front road wheels [rad], or yaw_rate [rad/s] instead; steering_rate [rad/s]: of the road wheels, at most.
-    speed: along the car, below zero backwards [m/s]. acceleration: of the speed that is wanted, for the torque to lead [m/s^2];
-    ramp: the largest change of the wanted speed [m/s^2].
+    steering: mean angle of the front road wheels [rad], or yaw_rate [rad/s] instead; steering_rate [rad/s]: of the road
+    wheels, at most. speed: along the car, below zero backwards [m/s]. acceleration: of the speed that is wanted, for
+    the torque to lead [m/s^2]; ramp: the largest change of the wanted speed [m/s^2].
     """
 
     speed: float = 0.0
@@ -64,16 +64,29 @@ class Car:
         places = {b.name: b.position for b in model.bodies}
         wheels = {t.name: places[t.marker.body] for t in model.tires}
         if not {'front', 'rear'} <= {name.partition('_')[0] for name in wheels}:
-            raise SpecError(f'scene {scene.name!r} has no car: an adapter needs wheels called front_left ... rear_right')
-        x = {axle: float(np.mean([p[0] for name, p in wheels.items() if name.startswith(axle)])) for axle in ('front', 'rear')}
+            raise SpecError(
+                f'scene {scene.name!r} has no car: an adapter needs wheels called front_left ... rear_right'
+            )
+        x = {
+            axle: float(np.mean([p[0] for name, p in wheels.items() if name.startswith(axle)]))
+            for axle in ('front', 'rear')
+        }
         radius = float(np.mean([p[2] for p in wheels.values()]))
         gain = next((f.input_gain for f in model.coordinate_forces if f.input == 'drive_torque'), 1.0)
         mass = sum(b.mass for b in model.bodies)
-        return cls(wheelbase=x['front'] - x['rear'], inertia=mass * radius / gain, steering=steering_map(model) if ratio is None else ratio)
+        return cls(
+            wheelbase=x['front'] - x['rear'],
+            inertia=mass * radius / gain,
+            steering=steering_map(model) if ratio is None else ratio,
+        )
 
     def steering_wheel(self, road_wheel: float) -> float:
         """Angle of the steering wheel [rad] for an angle of the road wheels [rad]."""
-        return self.steering * road_wheel if isinstance(self.steering, float) else steering_wheel_at(self.steering, road_wheel)
+        return (
+            self.steering * road_wheel
+            if isinstance(self.steering, float)
+            else steering_wheel_at(self.steering, road_wheel)
+        )
 
     def road_wheel(self, steering_wheel: float) -> float:
         """Angle of the road wheels [rad] at an angle of the steering wheel [rad], without what forces twist."""
@@ -90,7 +103,8 @@ class Car:
 
 
 def _target(demand: Demand, gear: str | None) -> float:
-    """Speed [m/s] that is wanted in a gear: forwards in drive, backwards in reverse, and either way where none is said."""
+    """Speed [m/s] that is wanted in a gear: forwards in drive, backwards in reverse, and either way where none is
+    said."""
     if gear == REVERSE:
         return -abs(demand.speed)
     return max(demand.speed, 0.0) if gear == DRIVE else demand.speed
@@ -112,10 +126,11 @@ class Loop:
         self._kept = 0.0
 
     def commands(self, demand: Demand | None, gear: str | None, speed: float, h: float) -> tuple[float, float, float]:
-        """(steering wheel [rad], drive torque [N m], brake torque [N m]) for a car at `speed` [m/s]; h [s] since the last call.
+        """(steering wheel [rad], drive torque [N m], brake torque [N m]) for a car at `speed` [m/s]; h [s] since the
+        last call.
 
-        demand: None where nothing is wanted any more: the car is braked to rest with the wheels as they are, in neutral too. gear: None
-        where nobody says one: the sign of the wanted speed does.
+        demand: None where nothing is wanted any more: the car is braked to rest with the wheels as they are, in neutral
+        too. gear: None where nobody says one: the sign of the wanted speed does.
         """
         if demand is not None:
             self._steer(demand, gear, speed, h)
@@ -127,8 +142,8 @@ class Loop:
     def _turning(self, target: float, speed: float) -> float:
         """Speed [m/s], with its sign, at which a yaw rate is wanted.
 
-        That is the one which the car is to reach, or has as long as it is to stop or to turn back. At rest the sign of its speed is that
-        of what swings in its springs: there the way that it shall go counts, or went.
+        That is the one which the car is to reach, or has as long as it is to stop or to turn back. At rest the sign of
+        its speed is that of what swings in its springs: there the way that it shall go counts, or went.
         """
         if abs(speed) > REST and (abs(target) <= REST or target * speed < 0.0):
             return speed

@@ -81,7 +81,8 @@ def save(scene: Scene, simulation: Simulation, parts: Mapping[str, Part], comman
             np.savez(part, **content)  # type: ignore[arg-type]
     except OSError as error:
         raise SpecError(
-            f'the state cannot be saved in {path.absolute()}: {error.strerror or error}; make room, or start the node in another directory'
+            f'the state cannot be saved in {path.absolute()}: {error.strerror or error}; make room, or start the node '
+            'in another directory'
         ) from error
     return path.resolve()
 
@@ -139,15 +140,21 @@ def jump(simulation: Simulation, rate: float) -> str:
     """
     sources, names, inputs = simulation.sources, simulation.channels.inputs, simulation.snapshot().inputs
     turned = sources.driver is not None and sources.driver.driver is not None
-    if turned or 'steering' not in names or (sources.actuators is not None and 'steering' in simulation.scene.actuation.actuators):
+    if (
+        turned
+        or 'steering' not in names
+        or (sources.actuators is not None and 'steering' in simulation.scene.actuation.actuators)
+    ):
         return ''
     place, t, k = names.index('steering'), simulation.t_ns * 1e-9, simulation.k
     stands = float(inputs[place])
     wanted, before = (float(sources.of_time.table(step, 1)[0, place]) for step in (k, max(k - 1, 0)))
-    if min(abs(wanted - stands), abs(before - stands)) <= rate * simulation.h_ns * 1e-9:  # a maneuver of its own may be faster
+    # a maneuver of its own may be faster
+    if min(abs(wanted - stands), abs(before - stands)) <= rate * simulation.h_ns * 1e-9:
         return ''
     return (
-        f'the steering wheel stands at {stands:.3g} rad, and the maneuver has it at {wanted:.3g} rad behind t = {t:g} s, where it jumps; '
+        f'the steering wheel stands at {stands:.3g} rad, and the maneuver has it at {wanted:.3g} rad behind t = {t:g} '
+        's, where it jumps; '
         'restore a state of that maneuver, or drive by topics'
     )
 
@@ -168,4 +175,6 @@ def _require_above_the_road(path: Path, scene: Scene, simulation: Simulation) ->
 
 def _model_hash(model: Any) -> str:
     """Hash of the model without its road: states carry over between scenes of the same vehicle."""
-    return hashlib.sha256(repr(dataclasses.replace(model, road=RoadSpec()) if isinstance(model, ModelSpec) else model).encode()).hexdigest()
+    return hashlib.sha256(
+        repr(dataclasses.replace(model, road=RoadSpec()) if isinstance(model, ModelSpec) else model).encode()
+    ).hexdigest()

@@ -36,8 +36,8 @@ Row = dict[str, Any]
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepCase:
     """One case of a sweep, with all that a process needs to run it. text: the resolved scene. values: of the
-    parameters. rows: directory of the rows, where it can be reached ('' elsewhere); bags: of the recordings, or ''. twin: whether
-    its numerical error is measured, and whether it decides the status then."""
+    parameters. rows: directory of the rows, where it can be reached ('' elsewhere); bags: of the recordings, or ''.
+    twin: whether its numerical error is measured, and whether it decides the status then."""
 
     number: int
     text: str
@@ -50,7 +50,8 @@ class SweepCase:
 
 
 def row_of(case: SweepCase) -> Row:
-    """The row of a case: number, values, status, message, figures (NaN where there is none). It is run unless its row is kept already."""
+    """The row of a case: number, values, status, message, figures (NaN where there is none). It is run unless its row
+    is kept already."""
     head: Row = {'case': case.number, **case.values} | ({'bag': ''} if case.bags else {})
     nothing = dict.fromkeys(case.figures, math.nan)
     try:
@@ -61,16 +62,19 @@ def row_of(case: SweepCase) -> Row:
     asked = json.dumps({name: dataclasses.asdict(figure) for name, figure in case.figures.items()})
     key = digest(scene.resolved, asked, *([case.twin] if case.twin == 'decides' else []), sources(), *beside).hex()[:24]
     rows, name = Store(Path(case.rows)) if case.rows else None, f'{key}.json'
-    if case.bags:  # a bag has the number of its case and what it is of in its name: another file of the sweep numbers its cases anew
+    # a bag has the number of its case and what it is of in its name: another file of the sweep numbers its cases anew
+    if case.bags:
         head['bag'] = f'{case.number:06d}-{key[:8]}'
     bag = Path(case.bags) / head['bag'] if case.bags else None
     if rows is not None and (bag is None or bag.is_dir()) and (content := rows.read(name, key)) is not None:
         kept = json.loads(content)
         if kept.get(ERRORS) or not case.twin or kept['status'] == ERROR:
             return _row(head, kept, case.twin)
-    made = None if bag is None else bag.with_name(f'{bag.name}.{case.number}-{os.getpid()}.part')  # what was killed is in nobody's way
+    # what was killed is in nobody's way
+    made = None if bag is None else bag.with_name(f'{bag.name}.{case.number}-{os.getpid()}.part')
     if made is not None:
-        shutil.rmtree(made, ignore_errors=True)  # in a container that is started anew processes get the same numbers again
+        # in a container that is started anew processes get the same numbers again
+        shutil.rmtree(made, ignore_errors=True)
     found = _run(scene, case.figures, made, case.twin)
     if bag is not None and made is not None and made.is_dir():
         if bag.is_dir():  # it was killed before it kept the row
@@ -89,7 +93,8 @@ def _row(head: Row, found: Mapping[str, Any], twin: str) -> Row:
 
 
 def overrides_of(values: Mapping[str, float | str]) -> list[str]:
-    """The parameters as KEY=VALUE, one before those that change a part of it; numbers keep all their digits, whole ones are integers."""
+    """The parameters as KEY=VALUE, one before those that change a part of it; numbers keep all their digits, whole ones
+    are integers."""
     return [f'{key}={_text(values[key])}' for key in sorted(values, key=lambda key: len(keys_of(key)))]
 
 
@@ -100,7 +105,8 @@ def _text(value: float | str) -> str:
 
 
 def _run(scene: Any, figures: Mapping[str, SweepFigure], bag: Path | None, asked: str = '') -> dict[str, Any]:
-    """status, message, figures (None where there is none), errors (of figures, and the sentence on the run). asked: SweepCase.twin."""
+    """status, message, figures (None where there is none), errors (of figures, and the sentence on the run). asked:
+    SweepCase.twin."""
     found: dict[str, Quantity] = {}
     instants: list[float] = []
     values: list[np.ndarray] = []
@@ -149,7 +155,9 @@ def _run(scene: Any, figures: Mapping[str, SweepFigure], bag: Path | None, asked
     finally:
         if recorder is not None:
             recorder.close({'status': status, 'findings': json.dumps(report(told))})
-    numbers = dict.fromkeys(figures) if status == ERROR else _figures(figures, found, np.array(instants), np.array(values))
+    numbers = (
+        dict.fromkeys(figures) if status == ERROR else _figures(figures, found, np.array(instants), np.array(values))
+    )
     return {'status': status, 'message': message, 'figures': numbers, ERRORS: errors}
 
 
@@ -157,7 +165,10 @@ def _errors(figures: Mapping[str, SweepFigure], found: Mapping[str, Quantity], t
     """Numerical errors of figures, by those of both runs at the instants at which they are compared."""
     time, rows, others, factor = twin.compared()
     own, theirs = (_figures(figures, found, time, some) for some in (rows, others))
-    return {name: None if own[name] is None or theirs[name] is None else factor * abs(own[name] - theirs[name]) for name in figures}  # type: ignore[operator]
+    return {
+        name: None if own[name] is None or theirs[name] is None else factor * abs(own[name] - theirs[name])  # type: ignore[operator]
+        for name in figures
+    }
 
 
 def _figures(

@@ -17,7 +17,8 @@ SECONDS = 15.0  # to find the scheduler
 
 
 def run_there(cases: Sequence[SweepCase], address: str) -> Iterator[Row]:
-    """The rows of the cases, as they are done. address: of the scheduler, e.g. tcp://10.0.0.1:8786. Raises SpecError."""
+    """The rows of the cases, as they are done. address: of the scheduler, e.g. tcp://10.0.0.1:8786. Raises
+    SpecError."""
     try:
         from distributed import Client, as_completed
     except ImportError:
@@ -25,7 +26,9 @@ def run_there(cases: Sequence[SweepCase], address: str) -> Iterator[Row]:
     try:
         client = Client(address, timeout=SECONDS)
     except (OSError, ValueError, TypeError) as error:
-        raise SpecError(f'--scheduler {address}: nobody answers there ({error}); start `dask scheduler` and give its address') from None
+        raise SpecError(
+            f'--scheduler {address}: nobody answers there ({error}); start `dask scheduler` and give its address'
+        ) from None
     with client:
         if arrays := stored.named_in('\n'.join({case.text for case in cases})):
             client.register_plugin(_with_arrays(arrays))
@@ -36,7 +39,8 @@ def run_there(cases: Sequence[SweepCase], address: str) -> Iterator[Row]:
 
 
 def _with_arrays(arrays: Mapping[str, bytes]) -> WorkerPlugin:
-    """Gives the arrays that scenes name by their hash (roads of OpenCRG) to every worker there is, and to those that come later."""
+    """Gives the arrays that scenes name by their hash (roads of OpenCRG) to every worker there is, and to those that
+    come later."""
     from distributed import WorkerPlugin
 
     class Arrays(WorkerPlugin):

@@ -72,13 +72,18 @@ class Parameter:
     @property
     def grid(self) -> list[float | str]:
         """Its values in a grid."""
-        return [self.at(share) for share in np.linspace(0.0, 1.0, self.steps).tolist()] if self.ranged else list(self.values)
+        return (
+            [self.at(share) for share in np.linspace(0.0, 1.0, self.steps).tolist()]
+            if self.ranged
+            else list(self.values)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """Which cases. kind: 'grid' is every combination; the others take `samples` of the space: 'latin_hypercube', 'sobol' (a power of two),
-    and for indices of sensitivity 'morris' (as many trajectories) and 'saltelli' (a base of as many; [Herman2017])."""
+    """Which cases. kind: 'grid' is every combination; the others take `samples` of the space: 'latin_hypercube',
+    'sobol' (a power of two), and for indices of sensitivity 'morris' (as many trajectories) and 'saltelli' (a base of
+    as many; [Herman2017])."""
 
     kind: Literal['grid', 'latin_hypercube', 'sobol', 'morris', 'saltelli'] = 'grid'
     samples: int = 16
@@ -86,16 +91,20 @@ class Design:
 
     def __post_init__(self) -> None:
         finite('sweep', 'samples', self.samples, low=1, high=MOST_CASES)
-        require(0 <= self.seed < 2**32, 'sweep', 'seed', self.seed, 'must be a whole number from 0 to 4294967295')  # that all samplers take
+        # that all samplers take
+        require(0 <= self.seed < 2**32, 'sweep', 'seed', self.seed, 'must be a whole number from 0 to 4294967295')
         one = self.kind == 'morris' and self.samples == 1
         require(not one, 'sweep', 'samples', self.samples, 'must be 2 at least: sigma is the spread of trajectories')
         power = self.samples & (self.samples - 1) == 0
-        require(self.kind not in ('sobol', 'saltelli') or power, 'sweep', 'samples', self.samples, 'must be a power of two')
+        require(
+            self.kind not in ('sobol', 'saltelli') or power, 'sweep', 'samples', self.samples, 'must be a power of two'
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class SweepFigure:
-    """A number kept of a run: of a quantity of interest (docs/scene.md) or a recorded channel. peak: the largest absolute value."""
+    """A number kept of a run: of a quantity of interest (docs/scene.md) or a recorded channel. peak: the largest
+    absolute value."""
 
     quantity: str
     take: Literal['peak', 'rms', 'min', 'max', 'mean', 'final', 'peak_time'] = 'peak'
@@ -103,8 +112,9 @@ class SweepFigure:
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """A sweep. set: KEY=VALUE for every case. record: keep the bag of every case. errors: whose numerical error is measured, by a twin
-    with another step: of a `sample` of the cases, evenly over the design, `all`, whose errors decide their status then, or `none`."""
+    """A sweep. set: KEY=VALUE for every case. record: keep the bag of every case. errors: whose numerical error is
+    measured, by a twin with another step: of a `sample` of the cases, evenly over the design, `all`, whose errors
+    decide their status then, or `none`."""
 
     scene: str
     parameters: dict[str, Parameter]
@@ -134,18 +144,27 @@ class Sweep:
                 )
         if self.design.kind in SENSITIVITY:
             for name, parameter in self.parameters.items():
-                require(parameter.ranged, 'sweep', name, parameter.values, f'a design of kind {self.design.kind} needs low and high')
+                require(
+                    parameter.ranged,
+                    'sweep',
+                    name,
+                    parameter.values,
+                    f'a design of kind {self.design.kind} needs low and high',
+                )
 
     @property
     def fewest(self) -> int:
         """Least number of cases: all of a grid, the samples of a design."""
         if self.design.kind != 'grid':
             return self.design.samples
-        return math.prod(parameter.steps if parameter.ranged else len(parameter.values) for parameter in self.parameters.values())
+        return math.prod(
+            parameter.steps if parameter.ranged else len(parameter.values) for parameter in self.parameters.values()
+        )
 
 
 def load_sweep(file: str | Path) -> Sweep:
-    """Read the file of a sweep; a file as `scene` is looked up beside it first. Raises SceneError (file, line, remedy)."""
+    """Read the file of a sweep; a file as `scene` is looked up beside it first. Raises SceneError (file, line,
+    remedy)."""
     path = Path(file)
     if not path.is_file():
         path = find_file(file, 'sweeps')
@@ -158,13 +177,16 @@ def load_sweep(file: str | Path) -> Sweep:
 
 
 def _keep_names(root: Node) -> None:
-    """Names of files that are values of a sweep (its scene, what parameters take) stay text: what reads the scene includes them."""
+    """Names of files that are values of a sweep (its scene, what parameters take) stay text: what reads the scene
+    includes them."""
     if not isinstance(root, MappingNode):
         return
     entries = {key.value: value for key, value in root.value}
     parameters = entries.get('parameters')
     described = [value for _, value in parameters.value] if isinstance(parameters, MappingNode) else []
-    taken = [value for one in described if isinstance(one, MappingNode) for key, value in one.value if key.value == 'values']
+    taken = [
+        value for one in described if isinstance(one, MappingNode) for key, value in one.value if key.value == 'values'
+    ]
     texts = [item for value in taken if isinstance(value, SequenceNode) for item in value.value]
     for node in (entries.get('scene'), *texts):
         if node is not None and names_file(node):
@@ -172,12 +194,16 @@ def _keep_names(root: Node) -> None:
 
 
 def cases(sweep: Sweep) -> list[dict[str, float | str]]:
-    """The values of all parameters, case by case. Raises SceneError for too many, SpecError without SALib where it is needed."""
+    """The values of all parameters, case by case. Raises SceneError for too many, SpecError without SALib where it is
+    needed."""
     names, parameters = list(sweep.parameters), list(sweep.parameters.values())
     design = sweep.design
     if design.kind == 'grid':
         if sweep.fewest > MOST_CASES:
-            raise SceneError(f'sweep: the grid has {sweep.fewest} cases, more than {MOST_CASES}; take fewer values or design.kind: sobol')
+            raise SceneError(
+                f'sweep: the grid has {sweep.fewest} cases, more than {MOST_CASES}; take fewer values or design.kind: '
+                'sobol'
+            )
         grids = [parameter.grid for parameter in parameters]
         return [dict(zip(names, values, strict=True)) for values in itertools.product(*grids)]
     if design.kind in SENSITIVITY:
@@ -200,7 +226,9 @@ def _salib(sweep: Sweep) -> Any:
     try:
         from SALib.sample import morris, sobol
     except ImportError:
-        raise SpecError(f"sweep: design.kind = {sweep.design.kind!r} needs SALib: pip install 'mbd_sim_ros[sweep]'") from None
+        raise SpecError(
+            f"sweep: design.kind = {sweep.design.kind!r} needs SALib: pip install 'mbd_sim_ros[sweep]'"
+        ) from None
     n, seed = sweep.design.samples, sweep.design.seed
     if sweep.design.kind == 'morris':
         return lambda asked: morris.sample(asked, n, seed=seed)
@@ -208,9 +236,10 @@ def _salib(sweep: Sweep) -> Any:
 
 
 def units_of(sweep: Sweep, channels: Channels, keys: Mapping[str, str]) -> dict[str, str]:
-    """Units of parameters and figures, where they have one. keys: units of the keys of the scene. Raises SceneError for a quantity that the
-    scene does not have."""
-    of = {name: keys.get(name) or keys.get(re.sub(r'(\[\d+\])+$', '', name)) for name in sweep.parameters}  # of a list it is said once
+    """Units of parameters and figures, where they have one. keys: units of the keys of the scene. Raises SceneError for
+    a quantity that the scene does not have."""
+    # of a list it is said once
+    of = {name: keys.get(name) or keys.get(re.sub(r'(\[\d+\])+$', '', name)) for name in sweep.parameters}
     units = {name: unit for name, unit in of.items() if unit}
     for name, figure in sweep.figures.items():
         try:

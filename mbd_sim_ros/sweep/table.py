@@ -112,7 +112,9 @@ def known_to(sweep: Sweep, indices: Mapping[str, Mapping[str, float]]) -> str:
     return f'its indices are known to about {width:.2g} (95 % confidence): {few}'
 
 
-def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], units: Mapping[str, str], directory: Path, title: str) -> Path:
+def write_report(
+    sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], units: Mapping[str, str], directory: Path, title: str
+) -> Path:
     """Write report.html: counts, least and largest value of every figure with their cases, pictures, indices, failures.
 
     units: parameter or figure -> unit, where it has one. Raises BagError.
@@ -126,8 +128,13 @@ def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], uni
             parts.append('<p>no case has a value</p>')
             continue
         low, high = min(known, key=lambda row: row[figure]), max(known, key=lambda row: row[figure])
-        parts.append(f'<p>from {low[figure]:.6g} (case {low["case"]}) to {high[figure]:.6g} {units[figure]} (case {high["case"]})</p>')
-        parts.append(f'<img alt="{html.escape(figure)}" src="data:image/png;base64,{_picture(sweep, known, figure, units)}">')
+        parts.append(
+            f'<p>from {low[figure]:.6g} (case {low["case"]}) to {high[figure]:.6g} {units[figure]} (case '
+            f'{high["case"]})</p>'
+        )
+        parts.append(
+            f'<img alt="{html.escape(figure)}" src="data:image/png;base64,{_picture(sweep, known, figure, units)}">'
+        )
         parts += [f'<p>{html.escape(reason)}</p>'] if (reason := no_indices(sweep, rows, figure)) else []
         if figure in indices:
             keys = list(next(iter(indices[figure].values())))
@@ -137,11 +144,16 @@ def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], uni
                 for name, found in sorted(indices[figure].items(), key=lambda item: -abs(item[1][ranked]))
             )
             parts += [f'<p>{html.escape(doubt)}</p>'] if (doubt := known_to(sweep, indices[figure])) else []
-            parts.append(f'<table><tr><th>parameter</th>{"".join(f"<th>{key}</th>" for key in keys)}</tr>{rows_}</table>')
+            parts.append(
+                f'<table><tr><th>parameter</th>{"".join(f"<th>{key}</th>" for key in keys)}</tr>{rows_}</table>'
+            )
     failed = [row for row in rows if row['status'] != 'ok']
     if failed:
         parts.append('<h2>Not ok</h2><table><tr><th>case</th><th>status</th><th>what was found</th></tr>')
-        parts += [f'<tr><td>{row["case"]}</td><td>{row["status"]}</td><td>{html.escape(row["message"])}</td></tr>' for row in failed]
+        parts += [
+            f'<tr><td>{row["case"]}</td><td>{row["status"]}</td><td>{html.escape(row["message"])}</td></tr>'
+            for row in failed
+        ]
         parts.append('</table>')
     file = directory / 'report.html'
     write_text(file, plain_page(title, parts))
@@ -161,7 +173,14 @@ def _picture(sweep: Sweep, rows: Sequence[Row], figure: str, units: Mapping[str,
         for status, colour in COLOURS.items():
             some = [row for row in rows if row['status'] == status]
             if some:
-                axes.plot([row[name] for row in some], [row[figure] for row in some], 'o', color=colour, markersize=4, label=status)
+                axes.plot(
+                    [row[name] for row in some],
+                    [row[figure] for row in some],
+                    'o',
+                    color=colour,
+                    markersize=4,
+                    label=status,
+                )
         axes.set_xlabel(_with_unit(name, units), fontsize=9)
         axes.set_ylabel(_with_unit(figure, units) if k % across == 0 else '', fontsize=9)
         axes.tick_params(labelsize=8)

@@ -1,4 +1,5 @@
-"""Processes of this machine that run cases. A worker that dies takes with it the case it was at, which is tried once more."""
+"""Processes of this machine that run cases. A worker that dies takes with it the case it was at, which is tried once
+more."""
 
 from __future__ import annotations
 
@@ -29,13 +30,15 @@ class Worker:
         resource_tracker.ensure_running()  # whose start would unblock the signal
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            self.process.start()  # Ctrl-C in the terminal is for the process that asked, also while this one imports what it needs
+            # Ctrl-C in the terminal is for the process that asked, also while this one imports what it needs
+            self.process.start()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
         assert self.process.pid is not None
         self._pid: int = self.process.pid
-        interrupts.dependents.add(self._pid)  # while it imports it would not notice for a second that nobody is left to work for
+        # while it imports it would not notice for a second that nobody is left to work for
+        interrupts.dependents.add(self._pid)
         self.case: SweepCase | None = None
 
     def give(self, case: SweepCase) -> None:
@@ -53,7 +56,8 @@ class Worker:
 
 
 class Workers:
-    """Processes of this machine, started at once: they import what they need while the cases are laid out. To be used in a `with`."""
+    """Processes of this machine, started at once: they import what they need while the cases are laid out. To be used
+    in a `with`."""
 
     def __init__(self, count: int) -> None:
         self._context = multiprocessing.get_context('spawn')  # a fork would share locks of threads, and signals
@@ -112,7 +116,14 @@ class Workers:
 def lost(case: SweepCase, message: str) -> Row:
     """The row of a case that no worker brought back."""
     bag = {'bag': ''} if case.bags else {}
-    return {'case': case.number, **case.values, **bag, 'status': 'error', 'message': message, **dict.fromkeys(case.figures, math.nan)}
+    return {
+        'case': case.number,
+        **case.values,
+        **bag,
+        'status': 'error',
+        'message': message,
+        **dict.fromkeys(case.figures, math.nan),
+    }
 
 
 def _next(worker: Worker, waiting: deque[tuple[SweepCase, int]], left: dict[int, int]) -> None:
@@ -137,4 +148,6 @@ def _row_or_error(case: SweepCase) -> Row | MbdError:
     except MbdError as error:
         return error
     except OSError as error:
-        return BagError(f'{error.filename or case.rows}: {error.strerror or error}; what is done is kept, the same command goes on')
+        return BagError(
+            f'{error.filename or case.rows}: {error.strerror or error}; what is done is kept, the same command goes on'
+        )

@@ -35,7 +35,11 @@ class Balance:
         kinds = [kind.name for kind in FORCES if getattr(spec, kind.name)]
         self._alone = {kind: simulation.model.only(kind) for kind in kinds}
         self._no_elements = simulation.model.only(None)
-        self._fed = {kind: np.array([bool(e.input) for e in getattr(spec, kind)]) for kind in kinds if FORCE_BY_NAME[kind].supplies}
+        self._fed = {
+            kind: np.array([bool(e.input) for e in getattr(spec, kind)])
+            for kind in kinds
+            if FORCE_BY_NAME[kind].supplies
+        }
         self._constraints = Ref(tables.constraints)
         self.rows = (*kinds, 'gravity', 'constraints')
         model = simulation.model
@@ -57,7 +61,9 @@ class Balance:
         """Add the step that was just made. Raises ValueError if more or less than one step was made since the last
         call."""
         if self._simulation.k != self._time + 1:
-            raise ValueError(f'balance: from step {self._time} to step {self._simulation.k}; it has to be updated after every step')
+            raise ValueError(
+                f'balance: from step {self._time} to step {self._simulation.k}; it has to be updated after every step'
+            )
         self._time += 1
         before, self._rates = self._rates, self._evaluate()
         self._inputs = self._simulation.inputs.copy()
@@ -118,7 +124,19 @@ class Balance:
         for row, kind in enumerate(self.rows):
             work, dissipated, supplied = (float(x) for x in self.total[row, :3])
             error = work + float(stored[row]) + dissipated - supplied
-            table[kind] = {'work': work, 'stored': float(stored[row]), 'dissipated': dissipated, 'supplied': supplied, 'error': error}
+            table[kind] = {
+                'work': work,
+                'stored': float(stored[row]),
+                'dissipated': dissipated,
+                'supplied': supplied,
+                'error': error,
+            }
         kinetic, work = self._now[1] - self._start[1], float(self.total[:, 0].sum())
-        table['bodies'] = {'work': -work, 'stored': kinetic, 'dissipated': 0.0, 'supplied': 0.0, 'error': kinetic - work}
+        table['bodies'] = {
+            'work': -work,
+            'stored': kinetic,
+            'dissipated': 0.0,
+            'supplied': 0.0,
+            'error': kinetic - work,
+        }
         return {'energy_by_kind': table, 'momentum_error': self.momentum_error.tolist()}

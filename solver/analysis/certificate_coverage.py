@@ -25,8 +25,8 @@ from solver.checks.registry import BY_NAME
 from solver.findings import Certified, Finding
 from solver.simulation import Simulation
 
-# Part of the value, as much as a plan leaves free of a limit for maneuvers beside those it chose on (solver.trade.search);
-# ten times as much would cover what is twice as bad as anything that was measured.
+# Part of the value, as much as a plan leaves free of a limit for maneuvers beside those it chose on
+# (solver.trade.search); ten times as much would cover what is twice as bad as anything that was measured.
 WORSE = 0.1
 
 
@@ -97,7 +97,9 @@ def certified_of(found: Iterable[Finding]) -> tuple[Certified, ...]:
             continue
         kind = kind_of(finding)
         quantity, of, where, _ = kind
-        one = Certified(quantity=quantity, of=of, where=where, value=finding.value, limit=finding.limit, unit=finding.unit)
+        one = Certified(
+            quantity=quantity, of=of, where=where, value=finding.value, limit=finding.limit, unit=finding.unit
+        )
         known = worst.get(kind)
         if known is None or abs(one.value - one.limit) > abs(known.value - known.limit):
             worst[kind] = one

@@ -17,7 +17,9 @@ class Departure(NamedTuple):
     max: float  # in the unit of the quantity
     rms: float
     peak: float  # of the reference, which percentages refer to
-    delay: float  # [s] by which the signal comes later; not a number where the reference hardly changes, infinite where shapes do not fit
+    # [s] by which the signal comes later; not a number where the reference hardly changes, infinite where shapes do not
+    # fit
+    delay: float
 
     def share(self, measure: str) -> float:
         """Error of a measure as part of the peak."""
@@ -27,7 +29,9 @@ class Departure(NamedTuple):
 FAILED = Departure(np.inf, np.inf, np.nan, np.nan)
 
 
-def departure(quantity: Quantity, time: np.ndarray, values: np.ndarray, reference: np.ndarray, peak: float | None = None) -> Departure:
+def departure(
+    quantity: Quantity, time: np.ndarray, values: np.ndarray, reference: np.ndarray, peak: float | None = None
+) -> Departure:
     """Departure of values (n, components) at the instants time (n,) [s] from the reference (n, components) there.
 
     peak: of the reference over a longer time, where only a part of it is compared.
@@ -36,14 +40,16 @@ def departure(quantity: Quantity, time: np.ndarray, values: np.ndarray, referenc
     if not np.all(np.isfinite(error)):
         return FAILED
     peak = quantity.peak(reference) if peak is None else peak
-    return Departure(float(error.max()), float(np.sqrt(np.mean(error * error))), peak, delay(time, values, reference, quantity.least))
+    return Departure(
+        float(error.max()), float(np.sqrt(np.mean(error * error))), peak, delay(time, values, reference, quantity.least)
+    )
 
 
 def delay(time: np.ndarray, values: np.ndarray, reference: np.ndarray, least: float) -> float:
     """The d [s] with which reference(t - d) + constant fits values best, by least squares (Gauss-Newton from d = 0).
 
-    Not a number where the reference changes by less than `least`, or along a straight line, which a constant moves as well. Infinite where
-    shapes do not fit: what is left is more than half of how values or reference change.
+    Not a number where the reference changes by less than `least`, or along a straight line, which a constant moves as
+    well. Infinite where shapes do not fit: what is left is more than half of how values or reference change.
     """
     if len(time) < 8 or np.ptp(reference, axis=0).max() < least:
         return np.nan
@@ -54,7 +60,9 @@ def delay(time: np.ndarray, values: np.ndarray, reference: np.ndarray, least: fl
         if used.sum() < 0.75 * len(time):
             return np.nan if _fits(_free(values), _free(reference)) else np.inf
         at = time[used] - d
-        moved, rate = (_free(np.column_stack([np.interp(at, time, c) for c in curve.T])) for curve in (reference, slope))
+        moved, rate = (
+            _free(np.column_stack([np.interp(at, time, c) for c in curve.T])) for curve in (reference, slope)
+        )
         x = _free(values[used])
         size = float((rate * rate).sum())
         if size == 0.0:

@@ -1,4 +1,5 @@
-"""Figures of a vehicle that come out of driving it: a slow ramp of the steering wheel, a step, and turning it while the vehicle stands.
+"""Figures of a vehicle that come out of driving it: a slow ramp of the steering wheel, a step, and turning it while the
+vehicle stands.
 
 Speeds, times and torques are those of passenger cars and grow with the vehicle (solver.vehicle.size). SI units, angles
 in rad. Other figures of vehicles: solver.analysis.figures.
@@ -54,7 +55,9 @@ def speed_control(size: Size) -> SpeedControl:
     """Who keeps the speed of a vehicle of a size as the usual one does that of a passenger car."""
     usual = SpeedControl()
     torques = {name: getattr(usual, name) * size.torque for name in ('inertia', 'first', 'most', 'least', 'brakes')}
-    return dataclasses.replace(usual, bandwidth=usual.bandwidth / size.time, release=usual.release * size.time, **torques)
+    return dataclasses.replace(
+        usual, bandwidth=usual.bandwidth / size.time, release=usual.release * size.time, **torques
+    )
 
 
 class _Drive:
@@ -100,10 +103,11 @@ class _Drive:
 
 
 def steady_figures(spec: ModelSpec, ratio: float, *, speed: float = RAMP_SPEED) -> dict[str, float]:
-    """Slow ramp of the steering wheel at nearly constant speed (ISO 4138, method 2): understeer gradient [rad s^2/m] and roll gradient
-    [rad s^2/m] by a straight line through lateral accelerations from 0.5 to 3.5 m/s^2, the sensitivity at 100 km/h that belongs to them,
-    1/(ratio (wheelbase/v^2 + gradient)) [m/s^2 per rad of the steering wheel], and, where the ramp reaches it and the gear is not rigid,
-    the torque of the hand at 0.33 g [N m]. ratio: of the steering."""
+    """Slow ramp of the steering wheel at nearly constant speed (ISO 4138, method 2): understeer gradient [rad s^2/m]
+    and roll gradient [rad s^2/m] by a straight line through lateral accelerations from 0.5 to 3.5 m/s^2, the
+    sensitivity at 100 km/h that belongs to them, 1/(ratio (wheelbase/v^2 + gradient)) [m/s^2 per rad of the steering
+    wheel], and, where the ramp reaches it and the gear is not rigid, the torque of the hand at 0.33 g [N m]. ratio: of
+    the steering."""
     size = size_of(spec)
     t, torque, turned = size.time, size.torque, min(1.0, ratio / DIRECT)  # a direct gear is turned slowly
     push = Ramp(slope=20.0 * torque / t, initial=150.0 * torque, start=0.5 * t, blend=0.2 * t)
@@ -122,7 +126,10 @@ def steady_figures(spec: ModelSpec, ratio: float, *, speed: float = RAMP_SPEED) 
     used = a > LEAST
     if np.count_nonzero(used) < FEWEST:
         ramp = f'a slow ramp of the steering wheel to {drive.simulation.snapshot().inputs[drive.steering]:.3g} rad'
-        raise SpecError(f'{ramp} at {speed * size.speed:.3g} m/s reaches {a.max():.3g} m/s^2 across; gradients need {GENTLE:g} m/s^2')
+        raise SpecError(
+            f'{ramp} at {speed * size.speed:.3g} m/s reaches {a.max():.3g} m/s^2 across; gradients need {GENTLE:g} '
+            'm/s^2'
+        )
     gradient, roll_gradient = (float(np.polyfit(a[used], y[used], 1)[0]) for y in (angle, roll))
     found = {
         'understeer_gradient': gradient,
@@ -135,12 +142,14 @@ def steady_figures(spec: ModelSpec, ratio: float, *, speed: float = RAMP_SPEED) 
 
 
 def step_figures(spec: ModelSpec, ratio: float, gradient: float) -> dict[str, float]:
-    """A step of the steering wheel to 4 m/s^2 at 80 km/h (ISO 7401): response_time, from half of the steering to 90 % of the steady lateral
-    acceleration of the chassis' centre of mass [s]; nothing where there is none by far."""
+    """A step of the steering wheel to 4 m/s^2 at 80 km/h (ISO 7401): response_time, from half of the steering to 90 %
+    of the steady lateral acceleration of the chassis' centre of mass [s]; nothing where there is none by far."""
     size = size_of(spec)
     t, speed = size.time, STEP_SPEED * size.speed
     angle = ratio * (wheelbase(spec) / speed**2 + gradient) * STEP_TO
-    drive = _Drive(spec, Maneuver(steering=Step(value=angle, start=0.2 * t, rise=RISE * t), speed=speed_control(size)), speed)
+    drive = _Drive(
+        spec, Maneuver(steering=Step(value=angle, start=0.2 * t, rise=RISE * t), speed=speed_control(size)), speed
+    )
     a = np.array([drive.to_the_left(s) for s in drive.looks(3.0)])
     wanted = 0.9 * float(a[-50:].mean())
     if wanted < 0.5 * STEP_TO:
@@ -150,10 +159,13 @@ def step_figures(spec: ModelSpec, ratio: float, gradient: float) -> dict[str, fl
 
 
 def parking_figures(spec: ModelSpec, ratio: float) -> dict[str, float]:
-    """Turning the road wheels by 26 degrees while the vehicle stands: the largest force of the rack [N]. ratio: of the steering."""
+    """Turning the road wheels by 26 degrees while the vehicle stands: the largest force of the rack [N]. ratio: of the
+    steering."""
     if rigid_gear(spec):
         return {}
     t = size_of(spec).time
-    drive = _Drive(spec, Maneuver(steering=Ramp(slope=ratio * PARKED_TO / (PARKING * t), start=0.1 * t, blend=0.2 * t)), 0.0)
+    drive = _Drive(
+        spec, Maneuver(steering=Ramp(slope=ratio * PARKED_TO / (PARKING * t), start=0.1 * t, blend=0.2 * t)), 0.0
+    )
     forces = np.abs([drive.effort(s, 'rack') for s in drive.looks(PARKING)])
     return {} if np.isnan(forces).any() else {'parking_rack_force': float(forces.max())}

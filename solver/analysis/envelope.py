@@ -7,10 +7,11 @@ records. The frequency is that of the travel of every wheel and of the steering 
 square of the rate over that of the departure from the mean, over 2 pi. On waves of the road it is speed over
 wavelength.
 
-Whatever the level, a vehicle touches the road with nothing but its tires. One that leans over by LEANING lies on its side or its roof
-soon, on parts that fall through the road. And the data of a tire end with the load FZMAX, where its friction, stiffness and moments are
-held: what is more for an instant (an edge, a landing) is passed over, what a tire carries in the mean of a WINDOW is not.
-States that no vehicle can be in are told with the time at which they began (solver.analysis.impossible).
+Whatever the level, a vehicle touches the road with nothing but its tires. One that leans over by LEANING lies on its
+side or its roof soon, on parts that fall through the road. And the data of a tire end with the load FZMAX, where its
+friction, stiffness and moments are held: what is more for an instant (an edge, a landing) is passed over, what a tire
+carries in the mean of a WINDOW is not. States that no vehicle can be in are told with the time at which they began
+(solver.analysis.impossible).
 """
 
 from __future__ import annotations
@@ -36,10 +37,14 @@ from solver.vehicle.size import Size, size_of
 from solver.vehicle.trailer import TRAILER
 
 ROWS = 64  # snapshots that are looked at together
-BEYOND = 0.02  # of the range: what a run may leave it by, since maneuvers between those that were tried may; of a narrow one, of `least`
+# of the range: what a run may leave it by, since maneuvers between those that were tried may; of a narrow one, of
+# `least`
+BEYOND = 0.02
 WINDOW = 1.0  # s
-APART, SLOWLY = 5e-3, 0.02  # s: between two looks at what has a range, and at no more than how a vehicle leans and what its tires carry
-STILL = {'travel_': 5e-4, 'steering_wheel': 0.005}  # m, rad: root mean square of a departure that is too small to have a frequency
+# s: between two looks at what has a range, and at no more than how a vehicle leans and what its tires carry
+APART, SLOWLY = 5e-3, 0.02
+# m, rad: root mean square of a departure that is too small to have a frequency
+STILL = {'travel_': 5e-4, 'steering_wheel': 0.005}
 FREQUENCY = 'frequency'
 
 
@@ -57,7 +62,9 @@ class _Range:
 
     def __init__(self, limit: Limit, channels: Channels, size: Size) -> None:
         self.limit, self._worst = limit, {1.0: _Worst(), -1.0: _Worst()}  # beyond the upper end, and the lower one
-        curves = [quantity(name, channels, size) for name in names(channels) if name.partition('.')[0] == limit.quantity]
+        curves = [
+            quantity(name, channels, size) for name in names(channels) if name.partition('.')[0] == limit.quantity
+        ]
         plain = [one for one in curves if len(one.places) == 1]  # numbers as they are shown, of all wheels at once
         self._plain = np.array([place for one in plain for place in one.places], int)
         self._others = [one for one in curves if len(one.places) > 1]
@@ -107,14 +114,19 @@ class _Frequency:
         self.limit, self._worst, self._window = limit, _Worst(), WINDOW * size.time
         still_ones = {**STILL, 'travel_': STILL['travel_'] * size.length}
         self._swings = [
-            _Swing(joint.replace('_', ' '), still, *(quantity(f'joint_states/{joint}/{of}', channels) for of in ('position', 'velocity')))
+            _Swing(
+                joint.replace('_', ' '),
+                still,
+                *(quantity(f'joint_states/{joint}/{of}', channels) for of in ('position', 'velocity')),
+            )
             for joint in channels.joints
             for begin, still in still_ones.items()
             if joint.startswith(begin)
         ]
         self._positions = np.array([place for swing in self._swings for place in swing.position.places], int)
         self._rates = np.array([place for swing in self._swings for place in swing.rate.places], int)
-        self._sums = np.zeros((len(self._swings), 3))  # of departures from the first sample, their squares, the squares of the rates
+        # of departures from the first sample, their squares, the squares of the rates
+        self._sums = np.zeros((len(self._swings), 3))
         self._first: np.ndarray | None = None
         self._n, self._begin, self._time = 0, 0.0, 0.0
 
@@ -151,7 +163,8 @@ class _Frequency:
 
 
 class _Lean:
-    """Follows by how much a body leans over, from every snapshot: the cosine of the angle between its z axis and the road's normal."""
+    """Follows by how much a body leans over, from every snapshot: the cosine of the angle between its z axis and the
+    road's normal."""
 
     def __init__(self, simulation: Simulation, body: str) -> None:
         self._name, self._normal = body, simulation.model.spec.road.normal
@@ -180,7 +193,9 @@ class _Carried:
         wheels = simulation.channels.wheels
         place, shape = layout_of(simulation.channels)['tire']
         self._names, self._ends = list(ends), np.array(list(ends.values()))
-        self._places = place.start + shape[1] * np.array([wheels.index(name) for name in ends]) + TIRE_COLUMNS.index('fz')
+        self._places = (
+            place.start + shape[1] * np.array([wheels.index(name) for name in ends]) + TIRE_COLUMNS.index('fz')
+        )
         self._sum, self._n, self._begin, self._time = np.zeros(len(ends)), 0, 0.0, 0.0
         self.worst = (0.0, 0, 0.0, 0.0)  # of the end of the data; which tire, its load [N], until when [s]
 
@@ -214,7 +229,8 @@ class _Carried:
 class Envelope:
     """Follows the snapshots of a simulation: look() at each; findings() from any thread.
 
-    Without level and certificate it follows whether a vehicle rolls over and what its tires carry, and of a mechanism nothing.
+    Without level and certificate it follows whether a vehicle rolls over and what its tires carry, and of a mechanism
+    nothing.
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -297,7 +313,8 @@ def _left(limit: Limit, worst: _Worst) -> Finding:
     return ENVELOPE.finding(
         Measured(
             value=value, limit=side, time=time, where=limit.quantity, unit=unit.strip(),
-            reason=f'the run leaves its envelope: {name} is valid {valid}', remedy=f'The limits: {limit.why}. {ENVELOPE.remedy}',
+            reason=f'the run leaves its envelope: {name} is valid '
+                f'{valid}', remedy=f'The limits: {limit.why}. {ENVELOPE.remedy}',
         )
     )  # fmt: skip
 
@@ -325,7 +342,10 @@ def _ends_of_data(simulation: Simulation) -> dict[str, float]:
 
 
 def _fold(
-    watched: Sequence[_Range | _Frequency | Impossible], leans: list[_Lean], carried: list[_Carried], snapshots: list[Snapshot]
+    watched: Sequence[_Range | _Frequency | Impossible],
+    leans: list[_Lean],
+    carried: list[_Carried],
+    snapshots: list[Snapshot],
 ) -> None:
     """Follow what was noted: together, for that takes less of a step than each when it comes."""
     for snapshot in snapshots:

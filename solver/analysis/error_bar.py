@@ -1,21 +1,22 @@
 """Error bar of a run: its numerical error by quantity, from a twin with another step.
 
-The twin simulates the same scene from the same start with the double step, which is half the work again. Where the error
-falls with the power p of the step, the error of the run is (x_h - x_2h) / (2^p - 1) [Richardson1911]: p is 2, 4 with
-`order: 4`, and 1 where a driver or an assistance looks once a step. With steps shorter by r, for runs of few steps and
-where the double one fails, it is (x_h - x_h/r) r^p / (r^p - 1). Both runs are compared at common instants, evenly spread,
-and closer at the beginning, where what no step resolves has not been damped yet.
+The twin simulates the same scene from the same start with the double step, which is half the work again. Where the
+error falls with the power p of the step, the error of the run is (x_h - x_2h) / (2^p - 1) [Richardson1911]: p is 2, 4
+with `order: 4`, and 1 where a driver or an assistance looks once a step. With steps shorter by r, for runs of few steps
+and where the double one fails, it is (x_h - x_h/r) r^p / (r^p - 1). Both runs are compared at common instants, evenly
+spread, and closer at the beginning, where what no step resolves has not been damped yet.
 
-With error control (`step_policy: error`) the steps follow a tolerance, whose root they are: the twin has r^2 times of it
-and a grid of r steps. Recorded inputs are those of the run, or the means of those of two steps. A reference integrator
-controls its own error, and has no twin.
+With error control (`step_policy: error`) the steps follow a tolerance, whose root they are: the twin has r^2 times of
+it and a grid of r steps. Recorded inputs are those of the run, or the means of those of two steps. A reference
+integrator controls its own error, and has no twin.
 
-*Doubt*: an estimate beyond DOUBTFUL of a limit may be the error of the twin alone, which the double step may shake, or too
-small, since errors fall less than they should. Such a run has a second twin with half the step, and its error follows from
-how the distances fall from step to step. Where runs are apart by more than COARSE of the peak, it is a lower bound.
-*Sensitive*: the distance of both runs grew by more than GROWN in the second half of the time that it took to become
-COARSE, LONG steps at least, and not at once. No power of time up to the sixth does that: it grows exponentially, and
-shorter steps only delay it. From when the error reaches its limit only statistics of the motion hold.
+*Doubt*: an estimate beyond DOUBTFUL of a limit may be the error of the twin alone, which the double step may shake, or
+too small, since errors fall less than they should. Such a run has a second twin with half the step, and its error
+follows from how the distances fall from step to step. Where runs are apart by more than COARSE of the peak, it is a
+lower bound. *Sensitive*: the distance of both runs grew by more than GROWN in the second half of the time that it took
+to become COARSE, LONG steps at least, and not at once. No power of time up to the sixth does that: it grows
+exponentially, and shorter steps only delay it. From when the error reaches its limit only statistics of the motion
+hold.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ from solver.scene import Accuracy
 from solver.simulation import Simulation
 from solver.vehicle.size import scale_of, size_of
 
-MOST = 400  # instants at which two runs are compared; ten times as many would find peaks of a four-thousandth of the run
+# instants at which two runs are compared; ten times as many would find peaks of a four-thousandth of the run
+MOST = 400
 FEWEST = 64  # steps of a run whose twin takes the double step: a twin of a tenth as many would resolve nothing
 DOUBTFUL = 0.5  # of a limit: the estimate is right to a factor of two where errors fall with their power of the step
 CLOSES = 0.5  # of their energy, with half the step; ten times as much would take for closed what grows
@@ -48,8 +50,10 @@ COARSE = 0.1  # of the peak; with ten times as much both runs have nothing in co
 GROWN = 64.0  # in the second half of a time: 2^6
 LONG = 256  # steps until both runs are COARSE apart: what takes fewer is not resolved, whatever it is
 AT_ONCE = 0.5  # of the growth, in powers, between two instants: an impact, or a singular position
-NEXT = (2, 3, 4, 5, 7, 8)  # parts of a step, of which the first is taken that leaves whole nanoseconds and makes other steps
-OTHER = 1.3  # times as many steps, counting parts of those that were divided; runs of the same steps have the same error
+# parts of a step, of which the first is taken that leaves whole nanoseconds and makes other steps
+NEXT = (2, 3, 4, 5, 7, 8)
+# times as many steps, counting parts of those that were divided; runs of the same steps have the same error
+OTHER = 1.3
 DOUBLE = 'double step'
 PORTION = 100  # steps of a call
 LEADING = ('position', 'orientation', 'yaw_rate', 'lateral_acceleration', 'wheel_load')  # what a sentence names first
@@ -97,7 +101,8 @@ class ErrorBar:
 
     @property
     def doubtful(self) -> bool:
-        """True where the estimate comes near a limit, and a second twin shall tell whether errors fall as they should."""
+        """True where the estimate comes near a limit, and a second twin shall tell whether errors fall as they
+        should."""
         return self.sensitive is None and (bool(self.findings) or self.worst > DOUBTFUL)
 
     @property
@@ -202,7 +207,8 @@ class Twin:
             settings['h_min'] = min(given.h_min, h_ns * 1e-9)
         if given.step_policy == 'error':
             settings['error_tolerance'] = given.error_tolerance * ratio * ratio
-        elif ratio > 1.0 and given.step_policy != 'constant':  # a double step that fails would become the steps of the run
+        elif ratio > 1.0 and given.step_policy != 'constant':
+            # a double step that fails would become the steps of the run
             settings |= {'step_policy': 'rescue', 'h_min': h_ns * 1e-9}
         twin = s.twin(self.instants[-1] * s.h, **settings)
         self._others = [twin.snapshot().numbers]
@@ -224,10 +230,14 @@ class Twin:
 
     @property
     def _contradicted(self) -> bool:
-        """True where redundant rows of the run hold each other: by a contradiction, which grows as the step falls, or for a long
-        step leaves them open."""
+        """True where redundant rows of the run hold each other: by a contradiction, which grows as the step falls, or
+        for a long step leaves them open."""
         s = self._run
-        return s.of_bodies and s.model.n_rows > 0 and contradicts(s.last_step.account, s.model.tables.bodies, scale_of(s.model.spec)[0])[0]
+        return (
+            s.of_bodies
+            and s.model.n_rows > 0
+            and contradicts(s.last_step.account, s.model.tables.bodies, scale_of(s.model.spec)[0])[0]
+        )
 
     def made(self) -> ErrorBar:
         """The error bar, with all steps of the twin made now."""
@@ -236,7 +246,8 @@ class Twin:
         return self.result()
 
     def compared(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-        """(instants (n,) [s], numbers of the run and of the twin there (n, m), what their difference times makes the error)."""
+        """(instants (n,) [s], numbers of the run and of the twin there (n, m), what their difference times makes the
+        error)."""
         p = order(self._run)
         factor = 1.0 / (2.0**p - 1.0) if self._ratio > 1.0 else 1.0 / (1.0 - self._ratio**p)
         return np.array(self.instants) * self._run.h, np.array(self._rows), np.array(self._others), factor
@@ -260,7 +271,9 @@ class Twin:
         limit = min(errors[name].limit or math.inf for name in deciding)
         why, since = _growth(times, together, limit / factor, s.h, 2.0 ** order(s))
         found = _required(s, times, rows, others, factor) if s.scene.require.accuracy else _findings(errors, why)
-        return ErrorBar(twin=self.twin, why=why, errors=errors, findings=tuple(found), sensitive=since, closing=self._closing)
+        return ErrorBar(
+            twin=self.twin, why=why, errors=errors, findings=tuple(found), sensitive=since, closing=self._closing
+        )
 
 
 def instants(steps: int) -> list[int]:
@@ -285,10 +298,11 @@ def order(simulation: Simulation) -> int:
 def _error(
     curve: Curve, times: np.ndarray, rows: np.ndarray, others: np.ndarray, factor: float, coarse: np.ndarray | None
 ) -> tuple[NumericalError, np.ndarray]:
-    """(error of a quantity, (n,) distance of both runs over time as part of the peak). coarse: numbers of a run with the double step.
+    """(error of a quantity, (n,) distance of both runs over time as part of the peak). coarse: numbers of a run with
+    the double step.
 
-    With three steps the distances fall by what the errors do: where that is less than the power of the step says, the error
-    is larger, at most the distance to the run with the double step, as an error that falls with the step itself.
+    With three steps the distances fall by what the errors do: where that is less than the power of the step says, the
+    error is larger, at most the distance to the run with the double step, as an error that falls with the step itself.
     """
     apart, peaks = curve.apart(rows, others), curve.peaks(rows)
     if coarse is not None:
@@ -298,7 +312,8 @@ def _error(
     k, place = np.unravel_index(int(np.argmax(shares)), shares.shape)
     error = NumericalError(
         value=float(factor * apart[k, place]), unit=curve.unit, share=float(factor * shares[k, place]),
-        rms=float(factor * np.sqrt(np.mean(apart[:, place] ** 2))), peak=float(peaks[place]), limit=LIMITS.get(curve.name),
+        rms=float(factor * np.sqrt(np.mean(apart[:, place] ** 2))), peak=float(peaks[place]),
+        limit=LIMITS.get(curve.name),
         time=float(times[k]), where=curve.places[place], bound=bool(shares[k, place] > COARSE),
     )  # fmt: skip
     return error, shares.max(1)
@@ -320,14 +335,18 @@ def _growth(times: np.ndarray, shares: np.ndarray, limit: float, h: float, gain:
     worst = int(np.argmax(jump))
     if jump[worst] > AT_ONCE * math.log(grown[-1]):
         return (
-            f'It comes at once, at t = {times[half + worst + 1]:.4g} s, from an impact or a singular position there. Reduce integrator.h',
+            f'It comes at once, at t = {times[half + worst + 1]:.4g} s, from an impact or a singular position there. '
+            'Reduce integrator.h',
             None,
         )
     since = float(times[int(np.argmax(shares > min(limit, COARSE)))])
     tenfold = (times[reached] - times[half]) * math.log(10.0) / math.log(grown[-1])
     later = tenfold * math.log10(gain)
     told = f'The motion is sensitive: an error grows tenfold in {tenfold:.2g} s'
-    return f'{told}. From t = {since:.4g} s on only its statistics hold; half the step delays that by {later:.2g} s', since
+    return (
+        f'{told}. From t = {since:.4g} s on only its statistics hold; half the step delays that by {later:.2g} s',
+        since,
+    )
 
 
 def _findings(errors: Mapping[str, NumericalError], why: str) -> Iterator[Finding]:
@@ -340,11 +359,21 @@ def _findings(errors: Mapping[str, NumericalError], why: str) -> Iterator[Findin
         remedy = why or NUMERICAL_ERROR.remedy
         assert e.limit is not None
         yield NUMERICAL_ERROR.finding(
-            Measured(value=100.0 * e.share, limit=100.0 * e.limit, time=e.time, where=e.where, of=name, reason=reason, remedy=remedy)
+            Measured(
+                value=100.0 * e.share,
+                limit=100.0 * e.limit,
+                time=e.time,
+                where=e.where,
+                of=name,
+                reason=reason,
+                remedy=remedy,
+            )
         )
 
 
-def _required(s: Simulation, times: np.ndarray, rows: np.ndarray, others: np.ndarray, factor: float) -> Iterator[Finding]:
+def _required(
+    s: Simulation, times: np.ndarray, rows: np.ndarray, others: np.ndarray, factor: float
+) -> Iterator[Finding]:
     """Limits of accuracy that the scene requires and the numerical error alone breaks."""
     slack = SLACK if s.level is not None and s.level.certificate else 1.0
     for name, asked in s.scene.require.accuracy.items():
@@ -352,7 +381,9 @@ def _required(s: Simulation, times: np.ndarray, rows: np.ndarray, others: np.nda
             q = quantity(name, s.channels, size_of(s.scene.model))
         except MbdError:
             continue  # a level that does not publish it
-        yield from _broken(name, asked, departure(q, times, q.of(others[:, q.places]), q.of(rows[:, q.places])), q.unit, factor / slack)
+        yield from _broken(
+            name, asked, departure(q, times, q.of(others[:, q.places]), q.of(rows[:, q.places])), q.unit, factor / slack
+        )
 
 
 def _broken(name: str, asked: Accuracy, apart: Any, unit: str, factor: float) -> Iterator[Finding]:

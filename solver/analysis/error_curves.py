@@ -1,9 +1,9 @@
 """Curves that two runs of a scene are compared by: quantities of a vehicle, motions of the bodies of a mechanism.
 
-Of a mechanism the error of a position is related to the largest way that any of its centres of mass goes in the run, that
-of an orientation to the largest turn of any of its bodies, half a turn at most: what else a body does hardly moves the
-picture. Errors of rounding count as none. Of a vehicle it is related to the peak of the quantity, at least to that of an
-ordinary maneuver.
+Of a mechanism the error of a position is related to the largest way that any of its centres of mass goes in the run,
+that of an orientation to the largest turn of any of its bodies, half a turn at most: what else a body does hardly moves
+the picture. Errors of rounding count as none. Of a vehicle it is related to the peak of the quantity, at least to that
+of an ordinary maneuver.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ from solver.quantities import NAMED, Quantity, lengths, names, quantity
 from solver.simulation import Simulation
 from solver.vehicle.size import size_of
 
-# Part of the size of a mechanism, and rad, that rounding of steps adds up to; ten times as much would hide the motion of what hardly moves.
+# Part of the size of a mechanism, and rad, that rounding of steps adds up to; ten times as much would hide the motion
+# of what hardly moves.
 ROUNDING = 1e-9
 
-ORDINARY = 10.0  # times the least peak of a quantity, below which a plan asks for no percentages (solver.quantities): that of a maneuver
+# times the least peak of a quantity, below which a plan asks for no percentages (solver.quantities): that of a maneuver
+ORDINARY = 10.0
 BESIDE = (
     ('roll', 'pitch'),
     ('lateral_acceleration', 'longitudinal_acceleration'),

@@ -31,11 +31,16 @@ ANGLE_DECIMALS = 12  # decimals of an angle [rad]: what is beyond is rounding of
 MODES = ('bounce_frequency', 'bounce_damping', 'pitch_frequency', 'roll_frequency')
 BENCH = ('wheel_rate_front', 'wheel_rate_rear', 'roll_stiffness_front', 'roll_stiffness_rear', 'steering_ratio')
 ALIGNED = ('toe_front', 'toe_rear', 'camber_front', 'camber_rear')
-STEADY, STEP, PARKED = ('understeer_gradient', 'roll_gradient', 'steering_sensitivity'), ('response_time',), ('parking_rack_force',)
+STEADY, STEP, PARKED = (
+    ('understeer_gradient', 'roll_gradient', 'steering_sensitivity'),
+    ('response_time',),
+    ('parking_rack_force',),
+)
 
 
 def mass_figures(spec: ModelSpec) -> dict[str, float]:
-    """Mass [kg], centre of mass [m], principal directions' inertia about it [kg m^2], wheelbase, tracks [m], share of the front axle."""
+    """Mass [kg], centre of mass [m], principal directions' inertia about it [kg m^2], wheelbase, tracks [m], share of
+    the front axle."""
     placed = [(b, np.array(b.position) + matrix(b.orientation) @ np.array(b.com)) for b in spec.bodies]
     mass = sum(b.mass for b, _ in placed)
     com = sum(b.mass * p for b, p in placed) / mass
@@ -50,7 +55,8 @@ def mass_figures(spec: ModelSpec) -> dict[str, float]:
     return {
         'mass': float(mass),
         'com_x': float(com[0]), 'com_y': float(com[1]), 'com_z': float(com[2]),
-        'roll_inertia': float(inertia[0, 0]), 'pitch_inertia': float(inertia[1, 1]), 'yaw_inertia': float(inertia[2, 2]),
+        'roll_inertia': float(inertia[0, 0]), 'pitch_inertia': float(inertia[1, 1]),
+        'yaw_inertia': float(inertia[2, 2]),
         'wheelbase': float(wheelbase), 'track_front': float(track['front']), 'track_rear': float(track['rear']),
         'front_share': float((com[0] - x['rear']) / wheelbase),
     }  # fmt: skip
@@ -60,11 +66,14 @@ def sag(simulation: Simulation) -> dict[str, float]:
     """Height [m] by which the vehicle stands lower than designed, per axle: the mean travel of its wheels."""
     names = simulation.channels.joints
     x = simulation.advance(0).joint_position
-    return {f'sag_{axle}': float(np.mean([x[names.index(f'travel_{axle}_{side}')] for side in SIDES])) for axle in AXLES}
+    return {
+        f'sag_{axle}': float(np.mean([x[names.index(f'travel_{axle}_{side}')] for side in SIDES])) for axle in AXLES
+    }
 
 
 def alignment(simulation: Simulation) -> dict[str, float]:
-    """Static toe (positive: toe-in) and camber (negative: top inwards) [rad] as the vehicle stands, by corner and as mean per axle."""
+    """Static toe (positive: toe-in) and camber (negative: top inwards) [rad] as the vehicle stands, by corner and as
+    mean per axle."""
     spec, pose, found = simulation.model.spec, simulation.advance(0).pose, {}
     places = {body.name: k for k, body in enumerate(spec.bodies)}
     for tire in spec.tires:
@@ -72,7 +81,11 @@ def alignment(simulation: Simulation) -> dict[str, float]:
         side = SIDES[tire.name.rpartition('_')[2]]
         found[f'toe_{tire.name}'] = side * round(float(np.arctan2(axis[0], axis[1])), ANGLE_DECIMALS)
         found[f'camber_{tire.name}'] = -side * round(float(np.arcsin(axis[2])), ANGLE_DECIMALS)
-    means = {f'{a}_{axle}': float(np.mean([found[f'{a}_{axle}_{side}'] for side in SIDES])) for a in ('toe', 'camber') for axle in AXLES}
+    means = {
+        f'{a}_{axle}': float(np.mean([found[f'{a}_{axle}_{side}'] for side in SIDES]))
+        for a in ('toe', 'camber')
+        for axle in AXLES
+    }
     return found | means
 
 
@@ -86,7 +99,11 @@ def standing(scene: Scene) -> Simulation:
     model = dataclasses.replace(scene.model, road=RoadSpec())
     return Simulation(
         dataclasses.replace(
-            scene, model=model, start=StartSettings(kind='equilibrium'), maneuver=Maneuver(), integrator=IntegratorSettings(penalty=1e6)
+            scene,
+            model=model,
+            start=StartSettings(kind='equilibrium'),
+            maneuver=Maneuver(),
+            integrator=IntegratorSettings(penalty=1e6),
         )
     )
 

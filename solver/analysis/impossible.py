@@ -1,18 +1,18 @@
 """Impossible states of a vehicle, whatever the equations say: its parts would stand within each other, or inside out.
 
-Nothing but tires touches anything in these models, so nothing stops a motion there: a trailer that folds into its car, wheels whose centre
-is below the road, axles whose wheels change sides or leave their suspension, a steering wheel beyond its end stops. A run goes on, and what
-comes after the time that is told is none of a vehicle. Leaning over is possible, and told elsewhere (solver.analysis.envelope).
+Nothing but tires touches anything in these models, so nothing stops a motion there: a trailer that folds into its car,
+wheels whose centre is below the road, axles whose wheels change sides or leave their suspension, a steering wheel
+beyond its end stops. A run goes on, and what comes after the time that is told is none of a vehicle. Leaning over is
+possible, and told elsewhere (solver.analysis.envelope).
 
-*Folded.* A trailer is folded from a right angle on. Before that, where the triangle of its ball and its first wheels meets the rectangle
-between the wheels of the car.
-*Under the road.* The centre of a wheel is on the other side of the tangent plane of the road at its contact.
-*Crossed.* The left wheel of an axle is to the right of the right one.
-*Torn off.* The centre of a wheel is further than its own radius from where it stands in its chassis by design, or its spin axis has turned
-by more than a right angle, so that its outside is inside. Suspensions of cars and trucks travel by less than two thirds of a radius to
-either side, and wheels steer by less than 70 degrees.
-*Beyond the end.* The steering wheel is further than PRESSED times the angle of its end stops: a maneuver is held there, and a free steering
-wheel presses them in; inputs that somebody gives step by step are not.
+*Folded.* A trailer is folded from a right angle on. Before that, where the triangle of its ball and its first wheels
+meets the rectangle between the wheels of the car. *Under the road.* The centre of a wheel is on the other side of the
+tangent plane of the road at its contact. *Crossed.* The left wheel of an axle is to the right of the right one. *Torn
+off.* The centre of a wheel is further than its own radius from where it stands in its chassis by design, or its spin
+axis has turned by more than a right angle, so that its outside is inside. Suspensions of cars and trucks travel by less
+than two thirds of a radius to either side, and wheels steer by less than 70 degrees. *Beyond the end.* The steering
+wheel is further than PRESSED times the angle of its end stops: a maneuver is held there, and a free steering wheel
+presses them in; inputs that somebody gives step by step are not.
 """
 
 from __future__ import annotations
@@ -101,7 +101,9 @@ class Impossible:
             if first < begun.get(name, math.inf):
                 value = watch.limit + watch.sign * worst
                 begun[name] = first
-                found[name] = watch.check.finding(Measured(value=value, limit=watch.limit, time=first, where=watch.where))
+                found[name] = watch.check.finding(
+                    Measured(value=value, limit=watch.limit, time=first, where=watch.where)
+                )
         return list(found.values())
 
 
@@ -120,13 +122,18 @@ class _Wheels:
         self._centre = np.array([tire.marker.position for tire in model.tires]).reshape(-1, 3)
         self._axis = np.array([matrix(tire.marker.orientation)[:, 1] for tire in model.tires]).reshape(-1, 3)
         radii = [float(tire.data['UNLOADED_RADIUS']) for tire in model.tires]
-        carriers = [TRAILER if TRAILER in bodies and tire.name.startswith(TRAILER) else model.chassis or '' for tire in model.tires]
+        carriers = [
+            TRAILER if TRAILER in bodies and tire.name.startswith(TRAILER) else model.chassis or ''
+            for tire in model.tires
+        ]
         self.watches = [_Watch(UNDER_ROAD, name, 0.0, 1.0) for name in self._names]
         self._whole, self._pairs = whole, []
         if not whole:
             return
         self._carrier = np.array([channels.bodies.index(name) for name in carriers], int)
-        self._design = np.array([_within(bodies[c], bodies[t.marker.body], t.marker.position) for c, t in zip(carriers, model.tires)])
+        self._design = np.array(
+            [_within(bodies[c], bodies[t.marker.body], t.marker.position) for c, t in zip(carriers, model.tires)]
+        )
         self.watches += [_Watch(SUSPENSION, name, radius, 1.0) for name, radius in zip(self._names, radii, strict=True)]
         self.watches += [_Watch(WHEEL_AXIS, name, 0.5 * math.pi, 1.0) for name in self._names]
         stems = {name[: -len(SIDES[0])] for name in self._names if name.endswith(SIDES[0])}
@@ -152,7 +159,11 @@ class _Wheels:
             columns.append(np.sqrt(np.square(within - self._design).sum(axis=2)))
             axis = np.einsum('nwij,wj->nwi', turn, self._axis)
             columns.append(np.arccos(np.clip(np.einsum('nwi,nwi->nw', axis, frame[..., 1]), -1.0, 1.0)))
-            columns.append(np.array([within[:, left, 1] - within[:, right, 1] for left, right in self._pairs]).reshape(-1, len(rows)).T)
+            columns.append(
+                np.array([within[:, left, 1] - within[:, right, 1] for left, right in self._pairs])
+                .reshape(-1, len(rows))
+                .T
+            )
         return np.concatenate(columns, axis=1)
 
 
@@ -174,12 +185,15 @@ def _matrices(q: np.ndarray) -> np.ndarray:
 
 
 def folded_at(model: ModelSpec) -> float:
-    """Articulation [rad] from which a trailer is folded into its car: see the module. Both point along x in the design position."""
+    """Articulation [rad] from which a trailer is folded into its car: see the module. Both point along x in the design
+    position."""
     bodies = {body.name: body for body in model.bodies}
     ball = next(joint for joint in model.joints if joint.name == HITCH).i
     hitch = (np.array(bodies[ball.body].position) + ball.position)[:2]
     own = [np.array(bodies[tire.marker.body].position)[:2] for tire in model.tires if not tire.name.startswith(TRAILER)]
-    drawn = [np.array(bodies[tire.marker.body].position)[:2] - hitch for tire in model.tires if tire.name.startswith(TRAILER)]
+    drawn = [
+        np.array(bodies[tire.marker.body].position)[:2] - hitch for tire in model.tires if tire.name.startswith(TRAILER)
+    ]
     if not own or not drawn:
         return 0.5 * math.pi
     low, high = np.min(own, axis=0) - hitch, np.max(own, axis=0) - hitch

@@ -1,8 +1,8 @@
 """Numerical errors of runs, kept on disk for who simulates the same later and has no time for a twin: the node.
 
-An error is kept under what it depends on: the model, its start, its maneuver and what acts behind it, and the settings of
-the integrator; and the sources of the solver, so none is ever out of date. How steps that fail are divided does not count:
-where none failed, as in a run that was measured, it makes no difference.
+An error is kept under what it depends on: the model, its start, its maneuver and what acts behind it, and the settings
+of the integrator; and the sources of the solver, so none is ever out of date. How steps that fail are divided does not
+count: where none failed, as in a run that was measured, it makes no difference.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ DIVIDED = ('auto', 'constant', 'rescue')  # policies that divide no step but one
 
 
 def keep(scene: Scene, text: str) -> None:
-    """Keep the sentence on the error of a run of a whole scene, as it was simulated; without effect where nothing can be written."""
+    """Keep the sentence on the error of a run of a whole scene, as it was simulated; without effect where nothing can
+    be written."""
     store, name = _place(scene)
     with suppress(OSError):
         store.write(name, json.dumps({'text': text, 'duration': scene.duration, 'scene': scene.name}).encode())

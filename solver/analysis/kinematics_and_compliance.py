@@ -1,10 +1,11 @@
-"""A test bench for kinematics and compliance: curves of toe, camber, load over wheel travel, steering and loads at the tires.
+"""A test bench for kinematics and compliance: curves of toe, camber, load over wheel travel, steering and loads at the
+tires.
 
-The rig holds the chassis in its design position, takes the tires off, locks the wheels to their carriers, and prescribes the wheel travels
-and the steering wheel; power steering helps as on the road (ASSISTED_AT). Travels, loads and speeds are those of passenger cars and
-grow with the vehicle (solver.vehicle.size). Every point of a sweep is a static equilibrium. It works on any
-vehicle model whose corners are called front_left ... and that has the coordinates wheel_<corner> and travel_<corner> (docs/vehicle.md).
-Angles in rad, SI units; signs:
+The rig holds the chassis in its design position, takes the tires off, locks the wheels to their carriers, and
+prescribes the wheel travels and the steering wheel; power steering helps as on the road (ASSISTED_AT). Travels, loads
+and speeds are those of passenger cars and grow with the vehicle (solver.vehicle.size). Every point of a sweep is a
+static equilibrium. It works on any vehicle model whose corners are called front_left ... and that has the coordinates
+wheel_<corner> and travel_<corner> (docs/vehicle.md). Angles in rad, SI units; signs:
 
     toe      positive: toe-in            camber   negative: top inwards
     steer    road-wheel angle, positive to the left
@@ -42,7 +43,9 @@ AT_CENTER = {
     'my': ('torque', (0.0, 1.0, 0.0)),
 }
 STEPS = {'travel': 0.03, 'steering': 0.5}  # largest change of an input of the rig at once [m or rad]
-GUIDED = 4.0  # steps for one of STEPS, each with its equilibrium, where guides push wheels the harder the further these are moved without
+# steps for one of STEPS, each with its equilibrium, where guides push wheels the harder the further these are moved
+# without
+GUIDED = 4.0
 ASSISTED_AT = 22.0  # m/s: power steering helps as at this speed, that of the ramp for the understeer gradient
 TURNED = 0.35  # rad of the road wheels, for Ackermann's share
 HOLD = 1e6  # brake input that locks wheels [N m]
@@ -52,7 +55,8 @@ def wheel_centers(spec: ModelSpec) -> dict[str, np.ndarray]:
     """Corner -> centre of the wheel in the design position (3,) [m]."""
     bodies = {b.name: b for b in spec.bodies}
     return {
-        t.name: np.array(bodies[t.marker.body].position) + matrix(bodies[t.marker.body].orientation) @ np.array(t.marker.position)
+        t.name: np.array(bodies[t.marker.body].position)
+        + matrix(bodies[t.marker.body].orientation) @ np.array(t.marker.position)
         for t in spec.tires
     }
 
@@ -60,8 +64,9 @@ def wheel_centers(spec: ModelSpec) -> dict[str, np.ndarray]:
 class Rig:
     """A kinematics and compliance test bench for a vehicle model; see the module.
 
-    at_center: with inputs for what else a wheel can be loaded with and moved by: forces cx_<corner>, cy_ [N] at the wheel centre, moments
-    mx_, my_ [N m], and the angle spin_ [rad] of the wheel in its carrier. Wheels without a bearing are locked by their brakes.
+    at_center: with inputs for what else a wheel can be loaded with and moved by: forces cx_<corner>, cy_ [N] at the
+    wheel centre, moments mx_, my_ [N m], and the angle spin_ [rad] of the wheel in its carrier. Wheels without a
+    bearing are locked by their brakes.
     """
 
     def __init__(self, spec: ModelSpec, *, at_center: bool = False) -> None:
@@ -77,17 +82,23 @@ class Rig:
         self._locked = {} if carrier else dict.fromkeys({guide.input for guide in spec.guides}, HOLD * self.size.torque)
         spin = [f'spin_{c}' for c in CORNERS] if at_center else [None] * len(CORNERS)
         rows = [
-            CouplerSpec(name=f'hold_{c}', terms=((f'wheel_{c}', 1.0),), offset=None if name is None else 0.0, input=name)
+            CouplerSpec(
+                name=f'hold_{c}', terms=((f'wheel_{c}', 1.0),), offset=None if name is None else 0.0, input=name
+            )
             for c, name in zip(CORNERS, spin, strict=True)
             if c in carrier
         ]
-        rows += [CouplerSpec(name=f'travel_{c}', terms=((f'travel_{c}', 1.0),), offset=0.0, input=f'travel_{c}') for c in CORNERS]
+        rows += [
+            CouplerSpec(name=f'travel_{c}', terms=((f'travel_{c}', 1.0),), offset=0.0, input=f'travel_{c}')
+            for c in CORNERS
+        ]
         loads = []
         for c in CORNERS:
             b = bodies[carrier.get(c) or next(tire.marker.body for tire in spec.tires if tire.name == c)]
             center = self.centers[c]
             for here, height in ((LOADS, 0.0), (AT_CENTER if at_center else {}, float(center[2]))):
-                free = c not in carrier  # a body that may turn about the spin axis is loaded at its centre by the force and its moment
+                # a body that may turn about the spin axis is loaded at its centre by the force and its moment
+                free = c not in carrier
                 at = center if free else np.array([*center[:2], height])
                 x, y, z = (float(v) for v in matrix(b.orientation).T @ (at - np.array(b.position)))
                 marker = Marker(body=b.name, position=(x, y, z))
@@ -127,15 +138,16 @@ class Rig:
         self.settle({})
 
     def settle(self, inputs: Mapping[str, float]) -> dict[str, dict[str, float]]:
-        """Equilibrium under the given inputs (travel_<corner> [m], steering [rad], fx_, fy_ [N] or mz_<corner> [N m] at the contact
-        patch); returns by corner toe, camber, steer [rad], x, y of wheel centre and contact patch relative to the design [m],
-        load: vertical force at the wheel [N]."""
+        """Equilibrium under the given inputs (travel_<corner> [m], steering [rad], fx_, fy_ [N] or mz_<corner> [N m] at
+        the contact patch); returns by corner toe, camber, steer [rad], x, y of wheel centre and contact patch relative
+        to the design [m], load: vertical force at the wheel [N]."""
         before, u = self._u, np.array([inputs.get(name, self._locked.get(name, 0.0)) for name in self.inputs])
         steps = {**STEPS, 'travel': STEPS['travel'] * self.size.length}
         limits = np.array([steps.get(name.partition('_')[0], np.inf) for name in self.inputs])
         finer = GUIDED if self.spec.guides else 1.0
         count = max(1, int(np.ceil(finer * np.max(np.abs(u - before) / limits))))
-        for k in range(1, count + 1):  # an equilibrium each: what stands on soft rubber would be led to another one from farther away
+        # an equilibrium each: what stands on soft rubber would be led to another one from farther away
+        for k in range(1, count + 1):
             way = u if k == count else before + (u - before) * (k / count)
             self.start.assemble(self.state, way)
             self.start.equilibrium(self.state, way)
@@ -165,16 +177,23 @@ class Rig:
         }
 
     def travel(self, values: Sequence[float], *, opposite: bool = False) -> dict[str, dict[str, np.ndarray]]:
-        """Sweep of all wheels in parallel, or left and right opposite (left in bump); curves over the left travel by corner."""
-        return self._sweep([{f'travel_{c}': z * (SIDES[c.partition('_')[2]] if opposite else 1.0) for c in CORNERS} for z in values])
+        """Sweep of all wheels in parallel, or left and right opposite (left in bump); curves over the left travel by
+        corner."""
+        return self._sweep(
+            [{f'travel_{c}': z * (SIDES[c.partition('_')[2]] if opposite else 1.0) for c in CORNERS} for z in values]
+        )
 
     def steering(self, values: Sequence[float]) -> dict[str, dict[str, np.ndarray]]:
         """Sweep of the steering wheel [rad]."""
         return self._sweep([{'steering': angle} for angle in values])
 
-    def loading(self, load: str, values: Sequence[float], *, opposite: bool = False) -> dict[str, dict[str, np.ndarray]]:
+    def loading(
+        self, load: str, values: Sequence[float], *, opposite: bool = False
+    ) -> dict[str, dict[str, np.ndarray]]:
         """Sweep of one load at all wheels (see LOADS), equal or of opposite sign left and right."""
-        return self._sweep([{f'{load}_{c}': f * (SIDES[c.partition('_')[2]] if opposite else 1.0) for c in CORNERS} for f in values])
+        return self._sweep(
+            [{f'{load}_{c}': f * (SIDES[c.partition('_')[2]] if opposite else 1.0) for c in CORNERS} for f in values]
+        )
 
     def _sweep(self, points: Sequence[Mapping[str, float]]) -> dict[str, dict[str, np.ndarray]]:
         results = [self.settle(point) for point in points]
@@ -183,15 +202,19 @@ class Rig:
 
 
 def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
-    """Slopes at the design position from central differences over +- step [m] of a passenger car: per axle wheel rate [N/m], roll stiffness
-    [N m/rad], roll-centre height [m] (in roll, so that it holds for dependent suspensions too), toe and camber change [rad/m], roll
-    steer (to the
-    left per roll to the right [-]); the ratio of steering wheel to mean road wheel [-] and the share of Ackermann's condition [-];
-    compliances: toe by lateral force, both to the left (left wheel, [rad/N], positive: towards the force) and by aligning moment
-    [rad/(N m)], longitudinal displacement by braking force [m/N], for models with bushings."""
+    """Slopes at the design position from central differences over +- step [m] of a passenger car: per axle wheel rate
+    [N/m], roll stiffness [N m/rad], roll-centre height [m] (in roll, so that it holds for dependent suspensions too),
+    toe and camber change [rad/m], roll steer (to the left per roll to the right [-]); the ratio of steering wheel to
+    mean road wheel [-] and the share of Ackermann's condition [-]; compliances: toe by lateral force, both to the left
+    (left wheel, [rad/N], positive: towards the force) and by aligning moment [rad/(N m)], longitudinal displacement by
+    braking force [m/N], for models with bushings."""
     step, force, moment = step * rig.size.length, 1000.0 * rig.size.mass, 50.0 * rig.size.torque
     both, roll = rig.travel([-step, step]), rig.travel([-step, step], opposite=True)
-    side, brake, align = rig.loading('fy', [-force, force]), rig.loading('fx', [-force, force]), rig.loading('mz', [-moment, moment])
+    side, brake, align = (
+        rig.loading('fy', [-force, force]),
+        rig.loading('fx', [-force, force]),
+        rig.loading('mz', [-moment, moment]),
+    )
     steer = rig.steering([-0.2, 0.2])
     figures: dict[str, float] = {}
     for axle in AXLES:

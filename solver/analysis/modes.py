@@ -28,7 +28,8 @@ SLACK = 1e-6  # N/m or N m/rad, or of ones on the diagonal: below it nothing hol
 
 
 class Linear(NamedTuple):
-    """M a + C v + K x = A^T lam, A x = 0 about an equilibrium, dense, in the variations of docs/conventions.md (6 per body)."""
+    """M a + C v + K x = A^T lam, A x = 0 about an equilibrium, dense, in the variations of docs/conventions.md (6 per
+    body)."""
 
     M: np.ndarray
     C: np.ndarray
@@ -38,8 +39,8 @@ class Linear(NamedTuple):
 
 @dataclass(frozen=True)
 class Mode:
-    """A mode of vibration: undamped natural frequency [Hz], damping ratio [-], share of the kinetic energy by (body, direction x y z or
-    rx ry rz), largest first."""
+    """A mode of vibration: undamped natural frequency [Hz], damping ratio [-], share of the kinetic energy by (body,
+    direction x y z or rx ry rz), largest first."""
 
     frequency: float
     damping: float
@@ -59,10 +60,12 @@ def _dense(model: Model, K: np.ndarray) -> np.ndarray:
 
 
 def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
-    """The model linearised about a state of rest; contact patches of standing tires are springs and dampers, servos follow at once.
+    """The model linearised about a state of rest; contact patches of standing tires are springs and dampers, servos
+    follow at once.
 
-    Wheels roll against the resistance that they have when they turn: a tread that holds a standing wheel (solver.elements.tread) is dry
-    friction, which has no modes, and a vehicle is asked for those that it has on the road.
+    Wheels roll against the resistance that they have when they turn: a tread that holds a standing wheel
+    (solver.elements.tread) is dry friction, which has no modes, and a vehicle is asked for those that it has on the
+    road.
 
     Raises SpecError for a model with struts, whose mounts move besides the bodies.
     """
@@ -72,7 +75,9 @@ def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
             'take fidelity: full for modes'
         )
     start = ConsistentState(model)
-    tables, kept = model.with_tables({TIRES.name: rolling_tires(model.elements[TIRES.name].value)} if model.spec.tires else {})
+    tables, kept = model.with_tables(
+        {TIRES.name: rolling_tires(model.elements[TIRES.name].value)} if model.spec.tires else {}
+    )
     at_rest = np.zeros_like(state.v)
     _, lam = start.acceleration(state.q, at_rest, state.z, state.angle, u)
     kin = start._constraints(state.q, at_rest, state.angle, u)
@@ -82,7 +87,9 @@ def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
         LONG,
         0.0,
     ):  # tangents over velocities are -C - K time for the states of standing tires, -C for those of dampers
-        evaluate_forces(tables, kin, state.angle, state.z, time, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs)
+        evaluate_forces(
+            tables, kin, state.angle, state.z, time, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs
+        )
         rates.append(_dense(model, start.Kv))
     del kept
     contact = (rates[1] - rates[0]) / LONG
@@ -92,21 +99,27 @@ def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
     if model.spec.servos:
         K -= _servos(model, start, kin, state, u)
     bodies = model.tables.bodies
-    M = scipy.linalg.block_diag(*(block for m, J in zip(bodies.mass, bodies.inertia, strict=True) for block in (m * np.eye(3), J)))
+    M = scipy.linalg.block_diag(
+        *(block for m, J in zip(bodies.mass, bodies.inertia, strict=True) for block in (m * np.eye(3), J))
+    )
     return Linear(M, C, K, dense_jacobian(model, start.J))
 
 
 def _servos(model: Model, start: ConsistentState, kin: Ref, state: State, u: np.ndarray) -> np.ndarray:
-    """(6 nb, 6 nb) by which the forces of servos change with the places when they have settled, beyond what they change at once."""
+    """(6 nb, 6 nb) by which the forces of servos change with the places when they have settled, beyond what they change
+    at once."""
     tables, sides = model.only(SERVOS.name), []
     for time in (LONG, 0.0):
-        evaluate_forces(tables, kin, state.angle, state.z, time, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs)
+        evaluate_forces(
+            tables, kin, state.angle, state.z, time, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs
+        )
         sides.append(_dense(model, start.Kq))
     return sides[0] - sides[1]
 
 
 def eigenvalues(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
-    """(eigenvalues s (2 n,), shapes (6 nb, 2 n)) of motions x exp(s t) that keep the constraints; n degrees of freedom."""
+    """(eigenvalues s (2 n,), shapes (6 nb, 2 n)) of motions x exp(s t) that keep the constraints; n degrees of
+    freedom."""
     Z = scipy.linalg.null_space(linear.A) if len(linear.A) else np.eye(len(linear.M))
     M, C, K = (Z.T @ X @ Z for X in (linear.M, linear.C, linear.K))
     n = len(M)
@@ -132,12 +145,15 @@ def modes(simulation: Simulation) -> list[Mode]:
 
 
 def named_modes(simulation: Simulation) -> dict[str, Mode]:
-    """The modes a vehicle is known by. Bounce and pitch of the body are the two with the largest parts of their kinetic energy in these
-    motions, together: they are two also where each has much of both. Roll is a swaying and turning about an axis below the body, on
-    standing tires often more of the former: the second mode of these two motions, with the axis above, is far higher. It and the others
-    are the lowest ones with a good part in what names them."""
+    """The modes a vehicle is known by. Bounce and pitch of the body are the two with the largest parts of their kinetic
+    energy in these motions, together: they are two also where each has much of both. Roll is a swaying and turning
+    about an axis below the body, on standing tires often more of the former: the second mode of these two motions, with
+    the axis above, is far higher. It and the others are the lowest ones with a good part in what names them."""
     chassis = simulation.model.spec.chassis or simulation.model.body_names[0]
-    sides = {axle: [f'{part}_{axle}_{side}' for part in ('wheel', 'upright', 'knuckle', 'beam') for side in SIDES] for axle in AXLES}
+    sides = {
+        axle: [f'{part}_{axle}_{side}' for part in ('wheel', 'upright', 'knuckle', 'beam') for side in SIDES]
+        for axle in AXLES
+    }
     found = modes(simulation)
     named: dict[str, Mode] = {}
 
@@ -148,7 +164,9 @@ def named_modes(simulation: Simulation) -> dict[str, Mode]:
         if candidates := good(bodies, directions):
             named[name] = candidates[0]
 
-    heaving, pitching = ([(mode, mode.share([chassis], [way])) for mode in good([chassis], [way])] for way in ('z', 'ry'))
+    heaving, pitching = (
+        [(mode, mode.share([chassis], [way])) for mode in good([chassis], [way])] for way in ('z', 'ry')
+    )
     pairs = [(z + ry, bounce, pitch) for bounce, z in heaving for pitch, ry in pitching if bounce is not pitch]
     if pairs:
         _, named['bounce'], named['pitch'] = max(pairs, key=lambda pair: pair[0])
@@ -166,7 +184,8 @@ def named_modes(simulation: Simulation) -> dict[str, Mode]:
 def smallest_eigenvalue(K: np.ndarray, M: np.ndarray) -> float:
     """Smallest eigenvalue of K x = lambda M x, both positive semidefinite; only to be compared with a threshold.
     Infinite without any mass that can vibrate."""
-    if not (np.diag(M) > 0.0).all():  # the reciprocals of lambda are finite then, unless something without mass is not held either
+    # the reciprocals of lambda are finite then, unless something without mass is not held either
+    if not (np.diag(M) > 0.0).all():
         if not (np.diag(K) > SLACK).all():
             return 0.0
         held = np.sqrt(np.diag(K))

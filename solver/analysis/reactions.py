@@ -13,7 +13,8 @@ from solver.simulation import Simulation
 
 
 class Reaction(NamedTuple):
-    """A joint acting on body j: force [N] and its torque about `point` [N m], the origin of marker F on body i [m], all in W.
+    """A joint acting on body j: force [N] and its torque about `point` [N m], the origin of marker F on body i [m], all
+    in W.
 
     Body i takes the opposite force and the opposite torque about the same point.
     """
@@ -28,7 +29,8 @@ class Reaction(NamedTuple):
 
 
 def joint_reaction(simulation: Simulation, name: str) -> Reaction:
-    """The reaction of a joint in the state that the last Snapshot shows. Raises SpecError for a name that is no joint."""
+    """The reaction of a joint in the state that the last Snapshot shows. Raises SpecError for a name that is no
+    joint."""
     names = [joint.name for joint in simulation.scene.model.joints]
     if name not in names:
         raise SpecError(f'joint_reaction: name = {name!r}: no such joint{suggestion(name, names)}')

@@ -1,7 +1,8 @@
-"""Bodies without inertia that forces turn: a spring off the centre of mass of a point mass, or beside the axis of a thin rod.
+"""Bodies without inertia that forces turn: a spring off the centre of mass of a point mass, or beside the axis of a
+thin rod.
 
-Such a rotation has no equation of motion: it follows from the forces alone while they hold it, as a line under tension does, and is
-infinitely fast where they do not (a spring that goes slack, or is pressed). No step resolves that.
+Such a rotation has no equation of motion: it follows from the forces alone while they hold it, as a line under tension
+does, and is infinitely fast where they do not (a spring that goes slack, or is pressed). No step resolves that.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ NOTHING = 1e-9  # of the largest moment of inertia; or of the arm: what sixteen 
 
 
 def caused(spec: ModelSpec, found: list[Finding]) -> list[Finding]:
-    """The findings of a run; those of rotations that shorter steps do not mend name what turns a body without inertia instead."""
+    """The findings of a run; those of rotations that shorter steps do not mend name what turns a body without inertia
+    instead."""
     if not any(_of_rotation(finding) for finding in found):
         return found
     causes = turned(spec)
@@ -55,7 +57,8 @@ def turned(spec: ModelSpec) -> dict[str, str]:
             if lever > NOTHING * (1.0 + float(norm(arm))):
                 what = 'no inertia' if not any(body.inertia) else 'no inertia about that axis'
                 found[body.name] = (
-                    f'{name} pulls at body {body.name!r} {float(norm(arm)):.3g} m off its centre of mass and turns it, and the body has '
+                    f'{name} pulls at body {body.name!r} {float(norm(arm)):.3g} m off its centre of mass and turns it, '
+                    'and the body has '
                     f'{what}: give it an inertia, or attach {name} at its centre of mass'
                 )
                 break
@@ -63,7 +66,8 @@ def turned(spec: ModelSpec) -> dict[str, str]:
 
 
 def _without_inertia(body: RigidBodySpec) -> np.ndarray:
-    """(n, 3) unit vectors of the axes through the centre of mass about which a body has no moment of inertia, in its axes."""
+    """(n, 3) unit vectors of the axes through the centre of mass about which a body has no moment of inertia, in its
+    axes."""
     moments, axes = np.linalg.eigh(body.inertia_matrix())
     return axes.T[moments <= NOTHING * moments[-1]]
 
@@ -81,7 +85,8 @@ def _held(spec: ModelSpec, name: str) -> bool:
 
 
 def _pulls(spec: ModelSpec, body: RigidBodySpec) -> Iterator[tuple[str, np.ndarray]]:
-    """(name of an element that pulls at a body, from the centre of mass to where it does [m], in the axes of the body)."""
+    """(name of an element that pulls at a body, from the centre of mass to where it does [m], in the axes of the
+    body)."""
     for section in PULLING:
         for element in spec.sections()[section]:
             for value in vars(element).values():

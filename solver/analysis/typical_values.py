@@ -1,8 +1,9 @@
 """Typical values of the figures of vehicles (solver.analysis.figures), by category of vehicle.
 
-The books give orders of magnitude and signs, not limits: the ranges are drawn around what they call usual. [Reimpell2001],
-[Gillespie1992], [Heydinger1999], [Milliken1995] of docs/references.md. Static toe and camber are drawn around settings and tolerances
-that five manufacturers publish [ServiceManuals2014]; those of racing cars are by experience.
+The books give orders of magnitude and signs, not limits: the ranges are drawn around what they call usual.
+[Reimpell2001], [Gillespie1992], [Heydinger1999], [Milliken1995] of docs/references.md. Static toe and camber are drawn
+around settings and tolerances that five manufacturers publish [ServiceManuals2014]; those of racing cars are by
+experience.
 """
 
 from __future__ import annotations
@@ -82,7 +83,11 @@ TEXTS = {  # text, unit, factor from SI
     'ackermann': ("share of Ackermann's condition at 20 deg", '%', 1e2),
     'understeer_gradient': ('understeer gradient', 'deg/g', STANDARD_GRAVITY * DEG),
     'roll_gradient': ('roll gradient', 'deg/g', STANDARD_GRAVITY * DEG),
-    'steering_sensitivity': ('lateral acceleration by steering wheel, at 100 km/h', 'g/(100 deg)', 1e2 / (STANDARD_GRAVITY * DEG)),
+    'steering_sensitivity': (
+        'lateral acceleration by steering wheel, at 100 km/h',
+        'g/(100 deg)',
+        1e2 / (STANDARD_GRAVITY * DEG),
+    ),
     'response_time': ('response of lateral acceleration to a step, to 90 %', 's', 1.0),
     'hand_torque': ('torque at the steering wheel, at 0.33 g', 'N m', 1.0),
     'parking_rack_force': ('force of the rack, turned while standing', 'kN', 1e-3),
@@ -144,11 +149,14 @@ COMPACT = {
     'roll_inertia': (350, 620, H),
     'pitch_inertia': (1400, 2400, H),
     'yaw_inertia': (1500, 2600, H),
-    'roll_center_rear': (0.0, 0.35, R),  # a twist beam's is at the height of the lines from pivot to shear centre, over the axle
+    # a twist beam's is at the height of the lines from pivot to shear centre, over the axle
+    'roll_center_rear': (0.0, 0.35, R),
     'bump_toe_rear': (-0.02, 0.10, R),  # in parallel travel both halves turn about one line across
     'bump_camber_rear': (-0.60, 0.05, R),
-    'lateral_steer_rear': (-2e-6, 3e-6, R),  # a twist beam gives way backwards on the outer side unless its bushings correct it
-    'longitudinal_compliance_rear': (0.8e-6, 4.5e-6, R),  # the bushings of a twist beam that carry its lateral forces are stiff along, too
+    # a twist beam gives way backwards on the outer side unless its bushings correct it
+    'lateral_steer_rear': (-2e-6, 3e-6, R),
+    # the bushings of a twist beam that carry its lateral forces are stiff along, too
+    'longitudinal_compliance_rear': (0.8e-6, 4.5e-6, R),
     'steering_sensitivity': (4.5, 9.0, K),  # on a shorter wheelbase
 }
 PICKUP = {
@@ -168,7 +176,8 @@ PICKUP = {
     'wheel_rate_rear': (25e3, 60e3, R),
     'roll_stiffness_front': (5e4, 12e4, R),
     'roll_stiffness_rear': (1.5e4, 6e4, R),
-    'roll_center_rear': (0.30, 0.60, R),  # of a live axle on leaf springs: about the height of the springs over the ground
+    # of a live axle on leaf springs: about the height of the springs over the ground
+    'roll_center_rear': (0.30, 0.60, R),
     'bump_toe_rear': (-0.002, 0.002, R),  # a live axle does not toe
     'bump_camber_rear': (-0.002, 0.002, R),
     'lateral_steer_rear': (-2e-6, 3e-6, R),

@@ -37,12 +37,16 @@ def decided(found: Sequence[Finding], error: ErrorBar) -> tuple[list[Finding], l
     Where a twin has measured the error it decides, and what says that steps, iterations or numbers are too coarse
     explains it: a run is not wrong because it might be. What both runs may have in common (another branch, open joints,
     signals that steps do not see, states that no vehicle can be in, the range of a level), and what a scene requires,
-    decides all the same; of joints that contradict each other those that a shorter step does not close. Without a twin all findings decide.
+    decides all the same; of joints that contradict each other those that a shorter step does not close. Without a twin
+    all findings decide.
     """
     if not error.measured:
         return [*found], []
     closed = {CONTRADICTION.name} if error.closing else set()
-    explains = [not finding.required and (BY_NAME[finding.quantity].seen_by_twin or finding.quantity in closed) for finding in found]
+    explains = [
+        not finding.required and (BY_NAME[finding.quantity].seen_by_twin or finding.quantity in closed)
+        for finding in found
+    ]
     deciding = [finding for finding, one in zip(found, explains, strict=True) if not one]
     return [*error.findings, *deciding], [finding for finding, one in zip(found, explains, strict=True) if one]
 

@@ -55,7 +55,8 @@ def energy_error_max(e: Evidence) -> Iterator[Measured]:
 ENERGY_ERROR_MAX = Check(
     name='energy_error_max',
     unit='J',
-    rule=f'{100.0 * SHARE:g} % of the energy exchanged: ranges of kinetic and of potential energy, and everything dissipated and '
+    rule=f'{100.0 * SHARE:g} % of the energy exchanged: ranges of kinetic and of potential energy, and everything '
+    'dissipated and '
     'supplied (a period in '
     'twenty steps misses (omega h)^2/12 = 0.8 %); besides (turn in a step)^2/12 of the kinetic energy of turning '
     'bodies',

@@ -95,9 +95,8 @@ class Check:
     (solver.analysis.certificate_coverage): 'broken' forbids a setting, 'coarse' is covered where it was measured,
     'scene' belongs to the scene whatever its setting. anywhere: a plan that covers it does so at every place.
     unresolved: it says that steps are too long for the motion. seen_by_twin: what it warns of differs between a run and
-    its twin with another step, so where a twin was made the error decides, and this explains it (solver.analysis.verdict).
-    turned: it may come from a body without inertia that is
-    turned (solver.analysis.turned).
+    its twin with another step, so where a twin was made the error decides, and this explains it
+    (solver.analysis.verdict). turned: it may come from a body without inertia that is turned (solver.analysis.turned).
     """
 
     name: str

@@ -43,7 +43,8 @@ def recorded_inputs(e: Evidence) -> Iterator[Measured]:
 RECORDED_INPUTS = Check(
     name='recorded_inputs',
     limit=0.0,
-    rule='doubts about a recording that drives the run: messages left out, merged or put in another order, or a run that was suspect',
+    rule='doubts about a recording that drives the run: messages left out, merged or put in another order, or a run '
+    'that was suspect',
     measure=recorded_inputs,
     reason='the recorded inputs are incomplete or doubtful',
     remedy='Repair the recording, or take another one',

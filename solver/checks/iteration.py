@@ -29,21 +29,24 @@ def _finer(e: Evidence) -> str:
 
 
 def slow_of(e: Evidence) -> tuple[float, float]:
-    """(speed [m/s] below which motions of the model count as slow, its length [m]); where nothing weighs, that of the run."""
+    """(speed [m/s] below which motions of the model count as slow, its length [m]); where nothing weighs, that of the
+    run."""
     length, slow = scale_of(e.model.spec)
     moving, spinning = e.account.speed.tolist()
     return slow or slow_speed(length, 0.0, max(moving, length * spinning), 0.0, e.h), length
 
 
 def _speed(e: Evidence) -> tuple[float, float]:
-    """(largest velocity of the run [m/s], turns by the length of the model and at least its slow speed; that length [m])."""
+    """(largest velocity of the run [m/s], turns by the length of the model and at least its slow speed; that length
+    [m])."""
     slow, length = slow_of(e)
     moving, spinning = e.account.speed.tolist()
     return max(slow, moving, length * spinning), length
 
 
 def _drift(e: Evidence, noted: np.ndarray, per: float) -> Measured:
-    """Largest violation of a row that the account noted; the limit is LARGEST_STAGNATION of the velocity, times `per` [s or 1]."""
+    """Largest violation of a row that the account noted; the limit is LARGEST_STAGNATION of the velocity, times `per`
+    [s or 1]."""
     value, time, row = noted.tolist()
     speed, length = _speed(e)
     limit = LARGEST_STAGNATION * speed * per
@@ -64,7 +67,8 @@ def residual_max(e: Evidence) -> Iterator[Measured]:
 RESIDUAL_MAX = Check(
     name='residual_max',
     limit=LARGEST_STAGNATION,
-    rule='last increment of an iteration, relative to the largest velocity: angular ones by the length of the model, and at least its '
+    rule='last increment of an iteration, relative to the largest velocity: angular ones by the length of the model, '
+    'and at least its '
     'slow speed (1 m/s of a passenger car)',
     measure=residual_max,
     reason='the iteration of a step did not settle, least in {where}',
@@ -78,7 +82,9 @@ RESIDUAL_MAX = Check(
 def unsettled(e: Evidence) -> Iterator[Measured]:
     """The share of steps whose last increment is above SETTLED_INCREMENT."""
     share = float(e.account.unsettled[0]) / max(float(e.account.steps[0]), 1.0)
-    yield Measured(value=share, remedy=f'Their last increment is above {SETTLED_INCREMENT:g} of the velocity: {_finer(e)}')
+    yield Measured(
+        value=share, remedy=f'Their last increment is above {SETTLED_INCREMENT:g} of the velocity: {_finer(e)}'
+    )
 
 
 UNSETTLED = Check(

@@ -55,7 +55,8 @@ def branch_switches(e: Evidence) -> Iterator[Measured]:
 BRANCH_SWITCHES = Check(
     name='branch_switches',
     limit=0.0,
-    rule='where they are looked for (`record.branches`, or a limit that is required), and across steps that failed and were divided',
+    rule='where they are looked for (`record.branches`, or a limit that is required), and across steps that failed and '
+    'were divided',
     measure=branch_switches,
     reason='the mechanism left a singular position on another branch than it came in on',
     remedy='Reduce integrator.h, or give integrator.rho_inf some damping',

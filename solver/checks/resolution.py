@@ -5,24 +5,22 @@ pi / N)^2 of the amplitude of its velocity. So it must not change by more than (
 that a velocity had in the run, which a steady motion in common does not widen: with fewer than ten steps a period,
 positions are off by 3 % of what they do. Translation and rotation are looked at apart. A fast vibration of small
 amplitude passes, a stiff transient that sets the whole motion going does not. After fewer steps than half such a period
-nothing can be said.
-*Phase.* Of such a motion with the frequency w a step h costs (w h)^3 / 12 of phase. Added up over all steps, with (w
-h)^2 as above at the time, that must stay below 0.1 rad; what is really lost is up to twice that, a fifth of the
-amplitude. Beyond the limit amplitudes may be right, but not positions at an instant. A motion forgets its
+nothing can be said. *Phase.* Of such a motion with the frequency w a step h costs (w h)^3 / 12 of phase. Added up over
+all steps, with (w h)^2 as above at the time, that must stay below 0.1 rad; what is really lost is up to twice that, a
+fifth of the amplitude. Beyond the limit amplitudes may be right, but not positions at an instant. A motion forgets its
 phase with its energy: of the largest kinetic energy so much as is dissipated takes half as much of the phase with it;
-and where it swings wider, what it was late by before is so much less of it.
-Phase is lost in free directions alone: where constraints and drivers impose a motion, as the beat of a universal joint,
-they take the error of a step off, and what they take off is not counted. A vibration with the share r of the range of
-velocities beside a slower motion has at most r^2 of its displacements, so its phase counts as that much less.
-*Order four.* Extrapolation of h and h / 2 loses (w h)^5 / 320 of phase in a step and adds (w h)^6 / 1152 to the
-amplitude; its steps of h may be half as many a period for the same error as that of order two with ten.
-*Spin.* The axis of a body that spins with s and turns by O is turned too little by (1/2 + A / C) (s h)^2 / 12 of O, with
-the moments of inertia C about the spin and A across: by the expansion of a step of a precessing top. About an axis
-that stays a step is exact whatever it turns, and an axis that bearings hold is turned by these. So the turn of free axes
-that is missed counts, at most as much as the torque that is too small changes the kinetic energy of the motion, and
-less what is forgotten; beyond 0.1 rad the run is told with the turn of that body in a step.
-*Damping.* All are the midpoint rule's, rho_inf = 1. Numerical damping makes more of the same step: late_by() times the
-phase, so that as much accuracy takes more steps a period, by the root of it.
+and where it swings wider, what it was late by before is so much less of it. Phase is lost in free directions alone:
+where constraints and drivers impose a motion, as the beat of a universal joint, they take the error of a step off, and
+what they take off is not counted. A vibration with the share r of the range of velocities beside a slower motion has at
+most r^2 of its displacements, so its phase counts as that much less. *Order four.* Extrapolation of h and h / 2 loses
+(w h)^5 / 320 of phase in a step and adds (w h)^6 / 1152 to the amplitude; its steps of h may be half as many a period
+for the same error as that of order two with ten. *Spin.* The axis of a body that spins with s and turns by O is turned
+too little by (1/2 + A / C) (s h)^2 / 12 of O, with the moments of inertia C about the spin and A across: by the
+expansion of a step of a precessing top. About an axis that stays a step is exact whatever it turns, and an axis that
+bearings hold is turned by these. So the turn of free axes that is missed counts, at most as much as the torque that is
+too small changes the kinetic energy of the motion, and less what is forgotten; beyond 0.1 rad the run is told with the
+turn of that body in a step. *Damping.* All are the midpoint rule's, rho_inf = 1. Numerical damping makes more of the
+same step: late_by() times the phase, so that as much accuracy takes more steps a period, by the root of it.
 """
 
 from __future__ import annotations
@@ -67,9 +65,12 @@ def resolution(e: Evidence) -> Iterator[Measured]:
     length, _ = scale_of(e.model.spec)
     fourth = e.settings.order == 4
     fewest = FEWEST_OF_FOUR if fourth else FEWEST
-    limit = (2.0 * math.pi / fewest) ** 2 / (2.0 if fourth else late)  # accelerations of order four are those of half a step
+    # accelerations of order four are those of half a step
+    limit = (2.0 * math.pi / fewest) ** 2 / (2.0 if fourth else late)
     slowest = max(falling, NOISE * length / e.h)
-    for part, kick, swing, least in zip(PARTS, e.account.kick, e.account.swing.tolist(), (slowest, slowest / length), strict=True):
+    for part, kick, swing, least in zip(
+        PARTS, e.account.kick, e.account.swing.tolist(), (slowest, slowest / length), strict=True
+    ):
         worst = largest(kick, e.body)
         yield Measured(
             value=worst.value / max(swing, least), limit=limit,
@@ -81,8 +82,10 @@ def resolution(e: Evidence) -> Iterator[Measured]:
 
 RESOLUTION = Check(
     name='resolution',
-    rule=f'{(2.0 * math.pi / FEWEST) ** 2:.2g} / c, with c as of `phase`: change of an acceleration in a step, times the '
-    'step, relative to half the widest range of a velocity, at least what gravity adds to one in a step: fewer than ten '
+    rule=f'{(2.0 * math.pi / FEWEST) ** 2:.2g} / c, with c as of `phase`: change of an acceleration in a step, times '
+    'the '
+    'step, relative to half the widest range of a velocity, at least what gravity adds to one in a step: fewer than '
+    'ten '
     'steps a period, 23 with `rho_inf: 0`; 0.79 with `order: 4`, five steps',
     measure=resolution,
     reason=f'fewer than {FEWEST} steps per oscillation of {{where}} in {{of}}',
@@ -129,13 +132,20 @@ def turn_per_step(e: Evidence) -> Iterator[Measured]:
         astray = float(e.account.astray[0])
         if astray > 0.0:
             remedy = f'Axes that turn are wrong by {astray:.2g} rad, {LARGEST_PHASE:g} are allowed: {_shorter(e)}'
-            yield Measured(value=value, limit=value * (LARGEST_PHASE / astray) ** 0.5, time=time, where=e.body(int(body)), remedy=remedy)
+            yield Measured(
+                value=value,
+                limit=value * (LARGEST_PHASE / astray) ** 0.5,
+                time=time,
+                where=e.body(int(body)),
+                remedy=remedy,
+            )
 
 
 TURN_PER_STEP = Check(
     name='turn_per_step',
     unit='rad',
-    rule=f'turn of a body in a step that leaves the axes that turn wrong by {LARGEST_PHASE:g} rad in the run, (1/2 + A / C) '
+    rule=f'turn of a body in a step that leaves the axes that turn wrong by {LARGEST_PHASE:g} rad in the run, (1/2 + A '
+    '/ C) '
     '(turn)^2 / 12 of what a free axis turns; none about axes that stay or that bearings hold',
     measure=turn_per_step,
     reason='{where} turns too far in a step about an axis that turns itself',

@@ -3,14 +3,13 @@ origin.
 
 *Penalty.* It multiplies the rounding of the condensed matrix; the block form does not care (docs/formulation.md,
 "Rounding"). It is told where iterations do not settle with one that is too large: of a car 1e7 leave 3e-10 m after 2 s,
-and 1e8 1e-3 m.
-*Light bodies.* Penalties take a body for no lighter than 1e-4 of the mean: of one with less mass m they add eps penalty
-1e-4 mean / m of rounding to its own acceleration. Beside 1 kg a pendulum of 1e-8 kg is right, one of 1e-10 kg was off
-by 0.03 m and nothing else told it.
-*Distance.* A place at the distance D is rounded by eps D in every step, and a velocity of the step by eps D / h: over n
-steps these walk to sqrt(n) times as much, of which 3e-5 of half that widest range (at least the slow speed of the model) is left to be.
-Regular motions hardly feel it; at a singular position it chooses how a mechanism passes: of twelve slider-cranks with
-4e-5 the worst was off by 1.7e-4 m after a second.
+and 1e8 1e-3 m. *Light bodies.* Penalties take a body for no lighter than 1e-4 of the mean: of one with less mass m they
+add eps penalty 1e-4 mean / m of rounding to its own acceleration. Beside 1 kg a pendulum of 1e-8 kg is right, one of
+1e-10 kg was off by 0.03 m and nothing else told it. *Distance.* A place at the distance D is rounded by eps D in every
+step, and a velocity of the step by eps D / h: over n steps these walk to sqrt(n) times as much, of which 3e-5 of half
+that widest range (at least the slow speed of the model) is left to be. Regular motions hardly feel it; at a singular
+position it chooses how a mechanism passes: of twelve slider-cranks with 4e-5 the worst was off by 1.7e-4 m after a
+second.
 """
 
 from __future__ import annotations
@@ -25,7 +24,8 @@ from solver.checks.iteration import slow_of
 from solver.model.saddle import CONDENSED
 from solver.step.failure import ROUNDING_PENALTY
 
-# Last increment of an iteration, relative to the velocity; three iterations bring it below 1e-6 where nothing spoils them.
+# Last increment of an iteration, relative to the velocity; three iterations bring it below 1e-6 where nothing spoils
+# them.
 SPOILT = 1e-4
 HIDDEN = 3e-5  # of an acceleration
 LARGEST_ROUNDING = 3e-5  # of half the widest range of a velocity
@@ -105,7 +105,8 @@ def distance(e: Evidence) -> Iterator[Measured]:
 DISTANCE = Check(
     name='distance',
     limit=LARGEST_ROUNDING,
-    rule='what rounding of places far from the origin makes of half the widest range of a velocity (at least the slow speed of the '
+    rule='what rounding of places far from the origin makes of half the widest range of a velocity (at least the slow '
+    'speed of the '
     'model), in all steps together',
     measure=distance,
     reason='{where} is so far from the origin that rounding of its place shows in its velocity',

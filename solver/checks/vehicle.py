@@ -22,8 +22,10 @@ from solver.elements.footprint import footprint
 from solver.elements.road import RandomRoad, edge, envelops, too_large
 from solver.inputs.maneuver import ManeuverSource
 
-LEANING = math.radians(60.0)  # rad: from there on tires lose their friction (docs/tire.md), and no car comes back onto its wheels
-PRESSED = 1.05  # of the angle of the end stops; with ten times as much beyond them rods of many cars pass their dead centre
+# rad: from there on tires lose their friction (docs/tire.md), and no car comes back onto its wheels
+LEANING = math.radians(60.0)
+# of the angle of the end stops; with ten times as much beyond them rods of many cars pass their dead centre
+PRESSED = 1.05
 BEFORE = 'No vehicle can do that: results are valid only before this time'
 
 
@@ -67,14 +69,19 @@ def road_curvature(e: Evidence) -> Iterator[Measured]:
             worst, (i, j), (x, y) = found.curvature, found.node, found.place
             place = f'road.grids[{k}].height[{i}][{j}] at x = {x:.4g} m, y = {y:.4g} m'
             large = too_large(grid, base) if road.contact == 'auto' else ''
-            remedy = f'Take a part of the road ({large}), or give the profile that the wheel makes of the obstacle' if large else ''
+            remedy = (
+                f'Take a part of the road ({large}), or give the profile that the wheel makes of the obstacle'
+                if large
+                else ''
+            )
     yield Measured(value=worst, limit=1.0 / base.radius, where=place, remedy=remedy)
 
 
 ROAD_CURVATURE = Check(
     name='road_curvature',
     unit='1/m',
-    rule='1 over the radius of the wheels, of hollows in a grid of heights that tires touch at one point (`road.contact`)',
+    rule='1 over the radius of the wheels, of hollows in a grid of heights that tires touch at one point '
+    '(`road.contact`)',
     measure=road_curvature,
     reason='a hollow of the road is rounder than the wheels',
     remedy='Take road.contact: enveloping, or give the profile that the wheel makes of the obstacle',
@@ -125,13 +132,15 @@ ROLLOVER = Check(
     'nothing but tires touches the road',
     measure=None,
     reason='the vehicle rolls over: {where!r} leans to its side',
-    remedy='Only tires touch the road in this model, and the body falls through it: results are valid only before that time',
+    remedy='Only tires touch the road in this model, and the body falls through it: results are valid only before that '
+    'time',
     plan='scene',
 )
 ARTICULATION = Check(
     name='articulation',
     unit='rad',
-    rule='a right angle between a trailer and its car, or less where its first wheels or its drawbar come between the wheels of the car',
+    rule='a right angle between a trailer and its car, or less where its first wheels or its drawbar come between the '
+    'wheels of the car',
     measure=None,
     reason='the trailer is folded into the car',
     remedy=BEFORE,

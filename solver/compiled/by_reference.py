@@ -1,10 +1,10 @@
 """NamedTuples by reference: a model's tables cross a call as one pointer instead of hundreds of array fields.
 
-numba passes a NamedTuple of arrays by value: every array is seven or more arguments, unpacked from Python on every call and
-threaded through every nested call. A compiled model has about 150 arrays; by value they cost 30 us per call from Python and
-most of the compile time. `Ref(value)` lays the array descriptors of a (nested) NamedTuple out in memory once; compiled code
-sees a pointer, `ref.field` loads a descriptor, `ref.nested` is another pointer. Kernels are written as for plain NamedTuples
-and accept both.
+numba passes a NamedTuple of arrays by value: every array is seven or more arguments, unpacked from Python on every call
+and threaded through every nested call. A compiled model has about 150 arrays; by value they cost 30 us per call from
+Python and most of the compile time. `Ref(value)` lays the array descriptors of a (nested) NamedTuple out in memory
+once; compiled code sees a pointer, `ref.field` loads a descriptor, `ref.nested` is another pointer. Kernels are written
+as for plain NamedTuples and accept both.
 """
 
 from __future__ import annotations
@@ -28,15 +28,16 @@ WORD = 8
 class RefType(types.Type):
     """Compiled type of a Ref to a NamedTuple type, with the lengths of all dimensions of its arrays but the first.
 
-    Those are the same in every model (a block is 6x6, a position has three numbers), and what the compiler knows of them it need not
-    multiply when it addresses an element.
+    Those are the same in every model (a block is 6x6, a position has three numbers), and what the compiler knows of
+    them it need not multiply when it addresses an element.
     """
 
     def __init__(self, target: types.BaseNamedTuple, inner: tuple) -> None:
         self.target = target
         self.inner = inner  # of each field: shape[1:] of an array, the same again of a NamedTuple, () of a number
         self._places: dict[str, tuple[types.Type, int, tuple]] = {}
-        digest = hashlib.sha256(f'{_layout(target)} {inner}'.encode()).hexdigest()[:16]  # whole it has thousands of letters
+        # whole it has thousands of letters
+        digest = hashlib.sha256(f'{_layout(target)} {inner}'.encode()).hexdigest()[:16]
         super().__init__(name=f'Ref({target.instance_class.__name__}, {digest})')
 
     def field(self, name: str) -> tuple[types.Type, int, tuple]:
@@ -51,7 +52,8 @@ class RefType(types.Type):
 
 @functools.cache
 def _layout(kind: types.Type) -> str:
-    """All that decides where compiled code finds a field: the name that numba gives to a NamedTuple says nothing of its fields."""
+    """All that decides where compiled code finds a field: the name that numba gives to a NamedTuple says nothing of its
+    fields."""
     if not isinstance(kind, types.BaseNamedTuple):
         return str(kind)
     fields = (f'{name}: {_layout(one)}' for name, one in zip(kind.fields, kind.types, strict=True))
@@ -77,8 +79,13 @@ def _type_of(value: tuple) -> RefType:
 
 
 def _fields(value: Any) -> types.Type:
-    """numba's type of a value. Its own typeof() compares the class of every NamedTuple with all abstract base classes."""
-    return types.BaseTuple.from_types(tuple(map(_fields, value)), type(value)) if isinstance(value, tuple) else typeof(value)
+    """numba's type of a value. Its own typeof() compares the class of every NamedTuple with all abstract base
+    classes."""
+    return (
+        types.BaseTuple.from_types(tuple(map(_fields, value)), type(value))
+        if isinstance(value, tuple)
+        else typeof(value)
+    )
 
 
 def _structure(value: Any) -> Any:
@@ -117,7 +124,8 @@ def nbytes(value: Any) -> int:
 
 
 class Ref:
-    """A NamedTuple of arrays, numbers and such NamedTuples, as compiled code sees it. The arrays are shared, never copied."""
+    """A NamedTuple of arrays, numbers and such NamedTuples, as compiled code sees it. The arrays are shared, never
+    copied."""
 
     __slots__ = ('pointer', 'type', 'value', 'words')
 
@@ -131,7 +139,8 @@ class Ref:
         return getattr(self.value, name)
 
     def assign(self, **numbers: float) -> None:
-        """Change float fields of the NamedTuple itself. Only between calls: compiled code takes what it reads for constant."""
+        """Change float fields of the NamedTuple itself. Only between calls: compiled code takes what it reads for
+        constant."""
         for name, number in numbers.items():
             self.words[self.type.field(name)[1]] = np.float64(number).view(np.int64)
         self.value = self.value._replace(**numbers)
@@ -203,9 +212,11 @@ def _lower_ref_attribute(context, builder, typ, value, attr):
 
 @intrinsic(prefer_literal=True)
 def assign(typing_context, ref, name, number):
-    """Change a float field of the NamedTuple behind a Ref, as Ref.assign does from Python (whose Ref.value does not follow).
+    """Change a float field of the NamedTuple behind a Ref, as Ref.assign does from Python (whose Ref.value does not
+    follow).
 
-    Only for a kernel that reads that field nowhere itself, nor in what it calls but through invoke(): compiled code takes it for constant.
+    Only for a kernel that reads that field nowhere itself, nor in what it calls but through invoke(): compiled code
+    takes it for constant.
     """
     if not isinstance(ref, RefType) or not isinstance(name, types.StringLiteral):
         return None
@@ -221,7 +232,8 @@ def assign(typing_context, ref, name, number):
 
 @intrinsic
 def matrix_at(typing_context, numbers, start, rows, columns):
-    """The (rows, columns) matrix that lies in the vector `numbers` from index `start` on. Its memory is that of the vector."""
+    """The (rows, columns) matrix that lies in the vector `numbers` from index `start` on. Its memory is that of the
+    vector."""
     vector = types.Array(numbers.dtype, 1, 'C')
     matrix = types.Array(numbers.dtype, 2, 'C')
     if numbers != vector:

@@ -1,9 +1,10 @@
 """Compiled kernels on disk: one file per kernel, types of its arguments and all that its code was made of.
 
-numba's own cache looks at the file of a function alone, trusts what it reads, and of two processes that compile at once one
-may write its code under the other's signature. This one takes its place (docs/decisions/0021-kernels-by-content.md). A file
-is named after a digest of what the code is made of (solver.compiled.contents) and of what the code of every kernel depends
-on: the syntax of the files in this folder, which extend the compiler, versions, settings of numba and the processor.
+numba's own cache looks at the file of a function alone, trusts what it reads, and of two processes that compile at once
+one may write its code under the other's signature. This one takes its place
+(docs/decisions/0021-kernels-by-content.md). A file is named after a digest of what the code is made of
+(solver.compiled.contents) and of what the code of every kernel depends on: the syntax of the files in this folder,
+which extend the compiler, versions, settings of numba and the processor.
 """
 
 from __future__ import annotations
@@ -27,11 +28,21 @@ from solver import disk
 from solver.compiled import interruption
 from solver.compiled.contents import Unknown, contents, foreign
 
-SETTINGS = ('OPT', 'LOOP_VECTORIZE', 'SLP_VECTORIZE', 'BOUNDSCHECK', 'DEBUGINFO_DEFAULT', 'USING_SVML', 'LLVM_REFPRUNE_PASS')  # of numba
+# of numba
+SETTINGS = (
+    'OPT',
+    'LOOP_VECTORIZE',
+    'SLP_VECTORIZE',
+    'BOUNDSCHECK',
+    'DEBUGINFO_DEFAULT',
+    'USING_SVML',
+    'LLVM_REFPRUNE_PASS',
+)
 
 
 class Compiler:
-    """The files in a folder that extend numba. key: a digest of them, as they were when the process began, and of settings."""
+    """The files in a folder that extend numba. key: a digest of them, as they were when the process began, and of
+    settings."""
 
     def __init__(self, folder: Path, base: Path) -> None:
         self._folder, self._letters = folder, _letters(folder)
@@ -57,7 +68,13 @@ def _digest(parts: Iterable[str | bytes]) -> str:
 
 def _surroundings() -> tuple:
     """Versions and settings that decide about the code, besides the processor."""
-    versions = (numba.__version__, llvmlite.__version__, np.__version__, platform.python_implementation(), sys.version_info[:3])
+    versions = (
+        numba.__version__,
+        llvmlite.__version__,
+        np.__version__,
+        platform.python_implementation(),
+        sys.version_info[:3],
+    )
     return (*versions, sys.flags.optimize, *((name, getattr(numba.config, name, None)) for name in SETTINGS))
 
 
@@ -133,7 +150,8 @@ class KernelCache(_Cache):
             return None
 
     def save_overload(self, sig, data) -> None:
-        """Keep the compiled kernel, unless it is bound to this process, has changed meanwhile, or calls what its identity lacks."""
+        """Keep the compiled kernel, unless it is bound to this process, has changed meanwhile, or calls what its
+        identity lacks."""
         identity, kernels = self._made_of(sig, data.codegen)
         inferred = data.type_annotation.typemap.values()
         called = {kind.dispatcher for kind in inferred if isinstance(kind, types.Dispatcher)}

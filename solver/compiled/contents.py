@@ -22,7 +22,8 @@ from numba.core.extending import _Intrinsic
 from solver import disk
 
 NUMBERS = (bool, int, float, complex, str, bytes, type(None), type(...))
-LIBRARIES = ('builtins', 'math', 'cmath', '_operator', 'operator', 'numpy', 'numba', 'llvmlite')  # their versions are in the key
+# their versions are in the key
+LIBRARIES = ('builtins', 'math', 'cmath', '_operator', 'operator', 'numpy', 'numba', 'llvmlite')
 HERE = __name__.rpartition('.')[0] + '.'
 SIMPLE = (types.Number, types.Boolean, types.Array, types.NoneType, types.Literal, types.Omitted, types.UnicodeType)
 MISSING = object()
@@ -55,7 +56,8 @@ def foreign(kind: types.Type) -> bool:
 
 
 class _Node:
-    """A function by value. own: a digest of all but what it calls. calls: kernels, intrinsics and functions, numbered in own."""
+    """A function by value. own: a digest of all but what it calls. calls: kernels, intrinsics and functions, numbered
+    in own."""
 
     def __init__(self) -> None:
         self.own = b''
@@ -118,12 +120,15 @@ class _Node:
         if isinstance(value, type) and issubclass(value, tuple) and hasattr(value, '_fields'):
             return module, name, value._fields, self.value(getattr(value, '_field_defaults', {}))
         ours = not _of_library(module) and not module.startswith(HERE)
-        followed = _Intrinsic | FunctionType if self._emits else _Intrinsic  # no kernel calls a plain function (foreign)
+        # no kernel calls a plain function (foreign)
+        followed = _Intrinsic | FunctionType if self._emits else _Intrinsic
         if isinstance(value, Dispatcher) or (isinstance(value, followed) and ours):
             if value not in self.calls:
                 self.calls.append(value)
             return 'calls', self.calls.index(value)
-        if name and (not ours or isinstance(value, FunctionType) or (isinstance(value, type) and issubclass(value, Exception))):
+        if name and (
+            not ours or isinstance(value, FunctionType) or (isinstance(value, type) and issubclass(value, Exception))
+        ):
             return module, name
         told = isinstance(value, np.ufunc | np.dtype) or kind.__module__.partition('.')[0] in ('llvmlite', 'numba')
         if told and ' at 0x' not in (text := str(value)):
@@ -138,7 +143,8 @@ class _Node:
             return [self.type(one) for one in kind.types]
         if isinstance(kind, types.Dispatcher):
             return self.value(kind.dispatcher)
-        if isinstance(kind, SIMPLE) or type(kind).__module__.startswith(HERE):  # the name of a RefType has a digest of its layout
+        # the name of a RefType has a digest of its layout
+        if isinstance(kind, SIMPLE) or type(kind).__module__.startswith(HERE):
             return str(kind)
         raise Unknown(str(kind))
 

@@ -1,15 +1,15 @@
 """Forward-mode derivatives: a value and its partial derivatives, one number to the formulas.
 
-There are two widths. The 12 directions of the wide one are the variation (dp in W, dtheta in B) and the twist (linear in W, angular
-in B) of one body, so the last step of a one-body element is to copy the partials of its generalized force into the rows of Kq
-and Kv. A law with few arguments runs on the narrow one, whose 4 directions are these arguments: `local` makes them, `compose`
-applies the chain rule to the results. That is a third of the work, and a number needs one register instead of three.
+There are two widths. The 12 directions of the wide one are the variation (dp in W, dtheta in B) and the twist (linear
+in W, angular in B) of one body, so the last step of a one-body element is to copy the partials of its generalized force
+into the rows of Kq and Kv. A law with few arguments runs on the narrow one, whose 4 directions are these arguments:
+`local` makes them, `compose` applies the chain rule to the results. That is a third of the work, and a number needs one
+register instead of three.
 
-Inside compiled code a Dual is a float64 and one or three SIMD vectors of four float64, so a product costs a few instructions (one
-vector of 12 fits no register and would be taken apart at every call). A function written with + - * / and the functions of
-this module runs on float64, complex128 and both Duals alike. Branch on `.real`. Outside compiled code (NUMBA_DISABLE_JIT=1) the
-Python class below has the same meaning.
-Reference: [Griewank2008], chapters 3 and 4.
+Inside compiled code a Dual is a float64 and one or three SIMD vectors of four float64, so a product costs a few
+instructions (one vector of 12 fits no register and would be taken apart at every call). A function written with + - * /
+and the functions of this module runs on float64, complex128 and both Duals alike. Branch on `.real`. Outside compiled
+code (NUMBA_DISABLE_JIT=1) the Python class below has the same meaning. Reference: [Griewank2008], chapters 3 and 4.
 """
 
 from __future__ import annotations
@@ -111,7 +111,8 @@ def _seeded_overload(value, partials):
 
 
 def local(x, k):
-    """x as argument k (0 to NARROW-1) of a law, a constant for k = -1: a narrow Dual if x is a wide one, else x itself."""
+    """x as argument k (0 to NARROW-1) of a law, a constant for k = -1: a narrow Dual if x is a wide one, else x
+    itself."""
     if not isinstance(x, Dual):
         return x
     return Dual(x.real, np.array([float(k == lane) for lane in range(NARROW)]))
@@ -123,7 +124,8 @@ def _local_overload(x, k):
 
 
 def compose(y, a, b, c, d):
-    """Chain rule: y, a result of a law in the narrow directions, with the partials that its arguments 0 to 3 (a, b, c, d) give it.
+    """Chain rule: y, a result of a law in the narrow directions, with the partials that its arguments 0 to 3 (a, b, c,
+    d) give it.
 
     y itself if it is no Dual.
     """
@@ -158,8 +160,8 @@ def _partial_overload(x, k):
 
 
 def add_partials(x, Kq, Kv, s, r):
-    """Add the first half of the partials of a wide Dual, those of the variation, to row r of block s of Kq (n, 6, 6), the other half, those
-    of the twist, to that of Kv; both arrays contiguous."""
+    """Add the first half of the partials of a wide Dual, those of the variation, to row r of block s of Kq (n, 6, 6),
+    the other half, those of the twist, to that of Kv; both arrays contiguous."""
     Kq[s, r] += x.partials[: N // 2]
     Kv[s, r] += x.partials[N // 2 :]
 

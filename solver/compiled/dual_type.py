@@ -1,4 +1,5 @@
-"""The compiled form of Dual (solver.compiled.dual): numba types, their layout, and the vector instructions of the chain rule."""
+"""The compiled form of Dual (solver.compiled.dual): numba types, their layout, and the vector instructions of the chain
+rule."""
 
 from __future__ import annotations
 
@@ -77,7 +78,8 @@ def _splat(builder, scalar):
 
 
 def _sum(builder, a, b, c):
-    """a + b c, in one instruction where the processor has one: of derivatives only, values keep the bits of plain arithmetic."""
+    """a + b c, in one instruction where the processor has one: of derivatives only, values keep the bits of plain
+    arithmetic."""
     kind = ir.FunctionType(_VECTOR, [_VECTOR] * 3)
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, f'llvm.fmuladd.v{LANES}f64'), [b, c, a])
 

@@ -1,9 +1,10 @@
 """Signals and the compiler: what interrupts numba waits until it is between two of its passes.
 
-An exception that a signal handler raises anywhere in numba may meet a destructor or a callback from LLVM, where Python prints it and
-goes on: the signal is lost, minutes of compiling are not. So whoever watches the signals leaves the exception here (`note`), and it is
-raised by the next `check`, which solver.compiled.kernel makes before every kernel and every pass. A run that is held by somebody who looks
-for signals himself is only asked to come back between two steps (`request`).
+An exception that a signal handler raises anywhere in numba may meet a destructor or a callback from LLVM, where Python
+prints it and goes on: the signal is lost, minutes of compiling are not. So whoever watches the signals leaves the
+exception here (`note`), and it is raised by the next `check`, which solver.compiled.kernel makes before every kernel
+and every pass. A run that is held by somebody who looks for signals himself is only asked to come back between two
+steps (`request`).
 """
 
 from __future__ import annotations

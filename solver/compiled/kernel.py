@@ -1,4 +1,5 @@
-"""The one place that configures numba: `kernel` is the decorator of every compiled function; solver.compiled.cache keeps them."""
+"""The one place that configures numba: `kernel` is the decorator of every compiled function; solver.compiled.cache
+keeps them."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ from solver.disk import location
 PATIENCE = 100_000  # objects made before garbage is looked for, while compiling
 KERNELS = Kernels(Path(__file__).parent, location())
 
-# Truth values for calls of one kernel by another: numba compiles the callee once more for each literal among its arguments.
+# Truth values for calls of one kernel by another: numba compiles the callee once more for each literal among its
+# arguments.
 YES, NO = np.bool_(True), np.bool_(False)
 
 
@@ -67,10 +69,10 @@ def kernel(function=None, *, inline: bool = False, borrow: bool = False, inner: 
     """Compile a function with the project's settings: kept on disk, no fastmath, GIL released, IEEE division.
 
     borrow: the function only reads and writes the arrays it is given, so their references need not be counted. Counting
-    takes an atomic operation per array and table and made the element kernels six times slower. Such a function cannot allocate,
-    nor assign an array to a slice of another one (numba then says 'NRT required but not enabled').
-    inner: only other kernels call it; it borrows, and has no entry for Python, whose compilation took a tenth of the time of all.
-    inline: for small functions; always inlined, and inner unless said otherwise.
+    takes an atomic operation per array and table and made the element kernels six times slower. Such a function cannot
+    allocate, nor assign an array to a slice of another one (numba then says 'NRT required but not enabled'). inner:
+    only other kernels call it; it borrows, and has no entry for Python, whose compilation took a tenth of the time of
+    all. inline: for small functions; always inlined, and inner unless said otherwise.
     """
     inner = inline if inner is None else inner
     options = {'nogil': True, 'error_model': 'numpy', 'fastmath': False, 'no_cfunc_wrapper': True}
@@ -95,7 +97,9 @@ def _refusing_python(dispatcher):
     """The kernel without an entry for Python, where numba would call address 0 for it."""
 
     def refuse(*arguments, **named):
-        raise TypeError(f'{dispatcher.__name__} is an inner kernel: call it from a kernel, or compile it with inner=False')
+        raise TypeError(
+            f'{dispatcher.__name__} is an inner kernel: call it from a kernel, or compile it with inner=False'
+        )
 
     dispatcher.add_overload = lambda result: dispatcher.overloads.update({tuple(result.signature.args): result})
     dispatcher._compile_for_args = refuse
@@ -106,9 +110,9 @@ def _refusing_python(dispatcher):
 def invoke(typing_context, address, arguments):
     """Call the compiled kernel at `address` (see `address_of`) with a tuple of arguments; the kernel returns None.
 
-    numba puts a copy of every callee into its caller and optimises and emits it again there; with kernels nested four deep that
-    was most of the compile time. A call through an address compiles each kernel once. The types of the arguments must be those
-    the address was compiled for.
+    numba puts a copy of every callee into its caller and optimises and emits it again there; with kernels nested four
+    deep that was most of the compile time. A call through an address compiles each kernel once. The types of the
+    arguments must be those the address was compiled for.
     """
     from llvmlite import ir
     from numba.core import types
@@ -131,8 +135,8 @@ def invoke(typing_context, address, arguments):
 
 @numba.extending.intrinsic
 def sixes(typing_context, array):
-    """The array, (n, 6) or (n, 6, 6), with its inner lengths known to the compiler: what crosses invoke() has lost them, and every
-    address would be multiplied out at run time.
+    """The array, (n, 6) or (n, 6, 6), with its inner lengths known to the compiler: what crosses invoke() has lost
+    them, and every address would be multiplied out at run time.
     """
 
     def generate(context, builder, signature, args):
@@ -148,7 +152,8 @@ def sixes(typing_context, array):
         strides = [ir.Constant(word, size * 6 ** (kind.ndim - 1 - k)) for k in range(kind.ndim)]
         known.shape = cgutils.pack_array(builder, [first, *[ir.Constant(word, 6)] * (kind.ndim - 1)], ty=word)
         known.strides = cgutils.pack_array(builder, strides, ty=word)
-        return impl_ret_borrowed(context, builder, signature.return_type, known._getvalue())  # counted, where references are
+        # counted, where references are
+        return impl_ret_borrowed(context, builder, signature.return_type, known._getvalue())
 
     return array(array), generate
 

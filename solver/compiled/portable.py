@@ -25,7 +25,8 @@ def product(A: np.ndarray, B: Numbers) -> np.ndarray:
 
 
 def norm(x: Numbers) -> float:
-    """Euclidean length of a vector, or root of the sum of squares of an array; of any finite numbers, also if their squares are not."""
+    """Euclidean length of a vector, or root of the sum of squares of an array; of any finite numbers, also if their
+    squares are not."""
     x = np.asarray(x, float).ravel()
     largest = float(np.abs(x).max(initial=0.0))
     if 1e-150 < largest < 1e150 or not 0.0 < largest < math.inf:
@@ -40,7 +41,8 @@ def norms(x: np.ndarray) -> np.ndarray:
 
 
 def inverse(A: np.ndarray) -> np.ndarray:
-    """Inverses of the matrices A (..., n, n) by Gauss-Jordan elimination with row pivoting. Raises ZeroDivisionError for a singular one."""
+    """Inverses of the matrices A (..., n, n) by Gauss-Jordan elimination with row pivoting. Raises ZeroDivisionError
+    for a singular one."""
     n = A.shape[-1]
     return np.array([_inverse(matrix) for matrix in A.reshape(-1, n, n).tolist()]).reshape(A.shape)
 
@@ -62,9 +64,12 @@ def _inverse(rows: list[list[float]]) -> list[list[float]]:
 def principal_moments(inertia: np.ndarray) -> np.ndarray:
     """(..., 3) eigenvalues of the symmetric matrices inertia (..., 3, 3), ascending.
 
-    By Jacobi's rotations (Golub and Van Loan, Matrix Computations, 8.5), each of which makes one element beside the diagonal zero.
+    By Jacobi's rotations (Golub and Van Loan, Matrix Computations, 8.5), each of which makes one element beside the
+    diagonal zero.
     """
-    return np.array([_principal_moments(matrix) for matrix in inertia.reshape(-1, 3, 3).tolist()]).reshape(inertia.shape[:-1])
+    return np.array([_principal_moments(matrix) for matrix in inertia.reshape(-1, 3, 3).tolist()]).reshape(
+        inertia.shape[:-1]
+    )
 
 
 def _principal_moments(a: list[list[float]]) -> list[float]:
@@ -92,7 +97,8 @@ def _turned(pp: float, qq: float, pq: float, pr: float, qr: float) -> tuple[floa
 
 
 def solve_tridiagonal(below: Numbers, diagonal: Numbers, above: Numbers, right: np.ndarray) -> np.ndarray:
-    """x (n, m) with below[i] x[i-1] + diagonal[i] x[i] + above[i] x[i+1] = right[i], without pivoting: for dominant diagonals (n,)."""
+    """x (n, m) with below[i] x[i-1] + diagonal[i] x[i] + above[i] x[i+1] = right[i], without pivoting: for dominant
+    diagonals (n,)."""
     x = np.array(right, float, order='C')
     lower, pivots, upper = (np.asarray(band, float).tolist() for band in (below, diagonal, above))
     for i in range(1, len(x)):
@@ -120,11 +126,18 @@ def clamped_spline_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return slopes
 
 
-def piecewise_cubic(x: np.ndarray, y: np.ndarray, slopes: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Value, first and second derivative, at the points `at` in [x[0], x[-1]], of the cubics with these values and slopes at x."""
+def piecewise_cubic(
+    x: np.ndarray, y: np.ndarray, slopes: np.ndarray, at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Value, first and second derivative, at the points `at` in [x[0], x[-1]], of the cubics with these values and
+    slopes at x."""
     k = np.clip(np.searchsorted(x, at, 'right') - 1, 0, len(x) - 2)
     h, s = (x[1:] - x[:-1])[k], at - x[k]
     chord = (y[k + 1] - y[k]) / h
     c2 = (3.0 * chord - 2.0 * slopes[k] - slopes[k + 1]) / h
     c3 = (slopes[k] + slopes[k + 1] - 2.0 * chord) / (h * h)
-    return y[k] + s * (slopes[k] + s * (c2 + s * c3)), slopes[k] + s * (2.0 * c2 + 3.0 * s * c3), 2.0 * c2 + 6.0 * s * c3
+    return (
+        y[k] + s * (slopes[k] + s * (c2 + s * c3)),
+        slopes[k] + s * (2.0 * c2 + 3.0 * s * c3),
+        2.0 * c2 + 6.0 * s * c3,
+    )

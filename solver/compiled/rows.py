@@ -41,11 +41,15 @@ def _lanes(numbers):
 
 def _splat(builder, scalar):
     undefined = ir.Constant(_VECTOR, ir.Undefined)
-    return builder.shuffle_vector(builder.insert_element(undefined, scalar, ir.Constant(_LANE, 0)), undefined, _lanes([0] * LANES))
+    return builder.shuffle_vector(
+        builder.insert_element(undefined, scalar, ir.Constant(_LANE, 0)), undefined, _lanes([0] * LANES)
+    )
 
 
 def _multiply_add(builder, factor, x, y):
-    fma = cgutils.get_or_insert_function(builder.module, ir.FunctionType(_VECTOR, [_VECTOR] * 3), f'llvm.fma.v{LANES}f64')
+    fma = cgutils.get_or_insert_function(
+        builder.module, ir.FunctionType(_VECTOR, [_VECTOR] * 3), f'llvm.fma.v{LANES}f64'
+    )
     return builder.call(fma, [_splat(builder, factor), x, y])
 
 
@@ -90,12 +94,16 @@ def _difference(typing_context, x, y):
 
 @intrinsic
 def _scaled(typing_context, a, x):
-    return ROW(types.float64, ROW), lambda context, builder, signature, args: builder.fmul(_splat(builder, args[0]), args[1])
+    return ROW(types.float64, ROW), lambda context, builder, signature, args: builder.fmul(
+        _splat(builder, args[0]), args[1]
+    )
 
 
 @intrinsic
 def _plus_times(typing_context, x, a, y):
-    return ROW(ROW, types.float64, ROW), lambda context, builder, signature, args: _multiply_add(builder, args[1], args[2], args[0])
+    return ROW(ROW, types.float64, ROW), lambda context, builder, signature, args: _multiply_add(
+        builder, args[1], args[2], args[0]
+    )
 
 
 @intrinsic

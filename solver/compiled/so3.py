@@ -1,7 +1,7 @@
 """Rotations: exponential, logarithm, right-trivialised tangent operator; quaternions are xyzw.
 
-Formulas: [Sola2018], eqs. 131-146.
-Smooth in the argument and valid for complex arguments (complex-step derivatives), so series are chosen by the real part.
+Formulas: [Sola2018], eqs. 131-146. Smooth in the argument and valid for complex arguments (complex-step derivatives),
+so series are chosen by the real part.
 """
 
 from __future__ import annotations
@@ -51,7 +51,8 @@ def right_jacobian(x):
 def inverse_jacobian_coefficients(s):
     """Return e and de/ds of the inverse right Jacobian 1 + skew(x)/2 + e skew(x)^2, where s = |x|^2 < (2 pi)^2.
 
-    With t = |x| and c = t/2 cot(t/2): e = (1 - c)/s and s dc/ds = (c - c^2 - s/4)/2. Series: e = sum |B_2n| s^(n-1)/(2n)!
+    With t = |x| and c = t/2 cot(t/2): e = (1 - c)/s and s dc/ds = (c - c^2 - s/4)/2. Series: e = sum |B_2n|
+    s^(n-1)/(2n)!
     """
     if s.real < 0.25:
         b1, b2, b3, b4 = 1.0 / 12.0, 1.0 / 720.0, 1.0 / 30240.0, 1.0 / 1209600.0
@@ -88,7 +89,8 @@ def log_quaternion(q):
         u = scale(-1.0, u)
     s2 = dot(u, u)
     if s2.real < 1e-3:
-        # 2 atan2(s, w)/s = 2/w (1 - r/3 + r^2/5 - ...) with r = s^2/w^2: to double precision, and without roots and arctan
+        # 2 atan2(s, w)/s = 2/w (1 - r/3 + r^2/5 - ...) with r = s^2/w^2: to double precision, and without roots and
+        # arctan
         r = s2 / (w * w)
         rr = r * r
         k = 2.0 / w * ((1.0 - r / 3.0) + rr * ((0.2 - r / 7.0) + rr * (1.0 / 9.0 - r / 11.0)))
@@ -131,7 +133,8 @@ def quaternion_normalized(q):
 
 @kernel(inline=True, inner=False)
 def quaternion_corrected(q):
-    """q back at unit length after rounding alone has moved it, 1/|q| to first order (without the latency of a root and a division)."""
+    """q back at unit length after rounding alone has moved it, 1/|q| to first order (without the latency of a root and
+    a division)."""
     n = 1.5 - 0.5 * ((q[0] * q[0] + q[1] * q[1]) + (q[2] * q[2] + q[3] * q[3]))
     return (n * q[0], n * q[1], n * q[2], n * q[3])
 

@@ -1,4 +1,5 @@
-"""On what the bits of a run depend beside its scene and the code: the instruction set, the C library, and the compiler of the kernels."""
+"""On what the bits of a run depend beside its scene and the code: the instruction set, the C library, and the compiler
+of the kernels."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ POINTS = 2000
 
 
 def target() -> dict[str, str]:
-    """Machine, whether it has FMA, C library, a digest of its elementary functions, whether Intel's take their place in kernels, and
-    versions of the packages that compute.
+    """Machine, whether it has FMA, C library, a digest of its elementary functions, whether Intel's take their place in
+    kernels, and versions of the packages that compute.
 
     Equal targets give the same bits, whatever the processor; others may not
     (docs/decisions/0008-same-bits-on-every-processor.md).
@@ -47,11 +48,24 @@ def elementary_digest() -> str:
     for k in range(POINTS):
         x = 0.003 + k * math.pi / 512.0  # to 12
         y = 0.37 * x - 1.0
-        values = (math.sin(x), math.cos(x), math.tan(x), math.exp(y), math.log(x), math.atan(y), math.atan2(y, x), math.pow(x, y))
+        values = (
+            math.sin(x),
+            math.cos(x),
+            math.tan(x),
+            math.exp(y),
+            math.log(x),
+            math.atan(y),
+            math.atan2(y, x),
+            math.pow(x, y),
+        )
         found.update(struct.pack('<8d', *values))
     return found.hexdigest()[:12]
 
 
 def differences(there: dict[str, str], here: dict[str, str]) -> list[str]:
     """Differences between two targets, in words."""
-    return [f'{name} {there[name]} there and {here[name]} here' for name in there if name in here and there[name] != here[name]]
+    return [
+        f'{name} {there[name]} there and {here[name]} here'
+        for name in there
+        if name in here and there[name] != here[name]
+    ]

@@ -1,14 +1,15 @@
 """Adjustable damper: a semi-active damper, whose valve follows a command with a lag.
 
     s' = sum of factor_k dx_k/dt                         rate of its length, of joint coordinates x_k
-    lag dz/dt = u - z                                    valve: 0 is soft, 1 is firm; u: the command, held within 0 and 1
+    lag dz/dt = u - z                                    valve: 0 is soft, 1 is firm; u: the command, held within 0 and
+                                                         1
     Q = -(soft(s') + z (firm(s') - soft(s')))            generalized force; on coordinate k: factor_k Q
 
-Between both characteristics the force is linear in the valve, as of a damper with a proportional valve. The damper takes
-energy from the motion at every command as long as soft and firm do: it is no actuator.
+Between both characteristics the force is linear in the valve, as of a damper with a proportional valve. The damper
+takes energy from the motion at every command as long as soft and firm do: it is no actuator.
 
-In full_car a damper at the front left wheel, over the travel of that wheel, is {terms: {travel_front_left: 1}, ...}: the travel is a
-coordinate at full, condensed and kc.
+In full_car a damper at the front left wheel, over the travel of that wheel, is {terms: {travel_front_left: 1}, ...}:
+the travel is a coordinate at full, condensed and kc.
 """
 
 from __future__ import annotations
@@ -34,10 +35,12 @@ OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'rate': 'm/s or rad/s', 'force': '
 
 @dataclass(frozen=True, kw_only=True)
 class AdjustableDamperSpec(Spec):
-    """Damper over s' = sum of factor * rate of a coordinate, between two characteristics; see the module for the formula.
+    """Damper over s' = sum of factor * rate of a coordinate, between two characteristics; see the module for the
+    formula.
 
-    terms: up to three (coordinate name, factor). soft, firm: laws of the resisting force [N or N m] over s' [m/s or rad/s] at the commands
-    0 and 1. input: channel of the command. lag: time constant of the valve [s], > 0. Raises SpecError.
+    terms: up to three (coordinate name, factor). soft, firm: laws of the resisting force [N or N m] over s' [m/s or
+    rad/s] at the commands 0 and 1. input: channel of the command. lag: time constant of the valve [s], > 0. Raises
+    SpecError.
     """
 
     terms: tuple[tuple[str, float], ...]
@@ -78,7 +81,8 @@ def compile_adjustable_dampers(specs: Sequence[AdjustableDamperSpec], context: C
 
 @kernel(borrow=True)
 def adjustable_dampers(table, now, effects, out):
-    """Accumulate forces and tangents of all adjustable dampers, assign their valves (contract: solver/elements/__init__.py)."""
+    """Accumulate forces and tangents of all adjustable dampers, assign their valves (contract:
+    solver/elements/__init__.py)."""
     f, Kq, Kv = sums(effects)
     coordinates, kin, angle = now.coordinates, now.kin, now.angle
     for e in range(table.terms.shape[0]):
@@ -101,7 +105,9 @@ def adjustable_dampers(table, now, effects, out):
             h0, h1 = rate_gradient(table, coordinates, kin, e, 0, True)
             h2, h3 = rate_gradient(table, coordinates, kin, e, 1, True)
             h4, h5 = rate_gradient(table, coordinates, kin, e, 2, True)
-            add_generalized(g, (h0, h1, h2, h3, h4, h5), 2 * table.terms[e], 0.0 * damping, damping, table.slot, e, Kq, Kv)
+            add_generalized(
+                g, (h0, h1, h2, h3, h4, h5), 2 * table.terms[e], 0.0 * damping, damping, table.slot, e, Kq, Kv
+            )
             for t in range(table.terms[e]):
                 add_coordinate_hessian(coordinates, kin, table.coordinate[e, t], table.factor[e, t] * Q, Kq)
         out[e, 0] = 0.0

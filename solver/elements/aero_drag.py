@@ -2,9 +2,10 @@
 
     F = -1/2 rho A_D |v| v + 1/2 rho A_L v_x^2 e_z
 
-v is the velocity of the marker's origin (the centre of pressure), v_x its component along the x axis of the marker, e_z the
-z axis of the marker. A_D = C_d A and A_L = C_l A are areas (drag and lift coefficient times frontal area); downforce has A_L < 0.
-Front and rear lift are two elements at the axles. The force is continuously differentiable, also at rest.
+v is the velocity of the marker's origin (the centre of pressure), v_x its component along the x axis of the marker, e_z
+the z axis of the marker. A_D = C_d A and A_L = C_l A are areas (drag and lift coefficient times frontal area);
+downforce has A_L < 0. Front and rear lift are two elements at the axles. The force is continuously differentiable, also
+at rest.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'fx': 'N', 'fy': 'N', 'fz': 'N', '
 class AeroDragSpec(Spec):
     """Drag and lift at the origin of a marker; see the module for the force.
 
-    drag_area [m^2] >= 0, lift_area [m^2] (positive lifts along z of the marker), air_density [kg/m^3] >= 0. The outputs fx..fz
-    are along the axes of the marker. Dissipation is the power taken by drag and lift.
+    drag_area [m^2] >= 0, lift_area [m^2] (positive lifts along z of the marker), air_density [kg/m^3] >= 0. The outputs
+    fx..fz are along the axes of the marker. Dissipation is the power taken by drag and lift.
     """
 
     counted_as = 'external_forces'
@@ -140,4 +141,6 @@ def aero_drag_forces(table, now, effects, out):
         out[e, 5] = speed
 
 
-AERO_DRAGS = ForceKind(name='aero_drags', spec=AeroDragSpec, compile=compile_aero_drags, kernel=aero_drag_forces, outputs=OUTPUTS)
+AERO_DRAGS = ForceKind(
+    name='aero_drags', spec=AeroDragSpec, compile=compile_aero_drags, kernel=aero_drag_forces, outputs=OUTPUTS
+)

@@ -37,7 +37,11 @@ from solver.elements.marker import WORLD, Context, Marker, Spec, compile_pairs
 from solver.elements.point_pair import angular_velocity, linear_velocity
 from solver.validate import require, vector
 
-OUTPUTS = {'energy': 'J', 'dissipation': 'W'} | dict.fromkeys(('fx', 'fy', 'fz'), 'N') | dict.fromkeys(('mx', 'my', 'mz'), 'N m')
+OUTPUTS = (
+    {'energy': 'J', 'dissipation': 'W'}
+    | dict.fromkeys(('fx', 'fy', 'fz'), 'N')
+    | dict.fromkeys(('mx', 'my', 'mz'), 'N m')
+)
 WORLD_AXES, BODY_AXES, REACTION_AXES = 0, 1, 2
 FRAMES = ('world', 'body', 'reaction')
 
@@ -46,10 +50,10 @@ FRAMES = ('world', 'body', 'reaction')
 class AppliedForceSpec(Spec):
     """Force [N] and torque [N m] on the body of `marker`, the force at the marker's origin.
 
-    frame: axes in which force and torque are given: 'world', 'body' (the axes of `marker`) or 'reaction' (those of the marker
-    `reaction`). reaction: the opposite force and torque act on its body, at the same point of space; its position must be left
-    out. input: channel that scales both (None: constant). The outputs fx..mz are along world axes. The power of the force is
-    reported as negative dissipation, its energy is zero.
+    frame: axes in which force and torque are given: 'world', 'body' (the axes of `marker`) or 'reaction' (those of the
+    marker `reaction`). reaction: the opposite force and torque act on its body, at the same point of space; its
+    position must be left out. input: channel that scales both (None: constant). The outputs fx..mz are along world
+    axes. The power of the force is reported as negative dissipation, its energy is zero.
     """
 
     marker: Marker
@@ -63,7 +67,13 @@ class AppliedForceSpec(Spec):
         self.set('force', vector(self.where, 'force', self.force))
         self.set('torque', vector(self.where, 'torque', self.torque))
         require(self.frame in FRAMES, self.where, 'frame', self.frame, 'must be world, body or reaction')
-        require(self.frame != 'reaction' or self.reaction is not None, self.where, 'frame', self.frame, "needs a 'reaction' marker")
+        require(
+            self.frame != 'reaction' or self.reaction is not None,
+            self.where,
+            'frame',
+            self.frame,
+            "needs a 'reaction' marker",
+        )
         if self.reaction is not None:
             require(
                 not any(self.reaction.position),
@@ -160,7 +170,8 @@ def applied_force_forces(table, now, effects, out):
             s_ij = table.slot[e, 1]
             s_ji = table.slot[e, 2]
             s_jj = table.slot[e, 3]
-            # on i: -R_i^T (arm x F + T); first for a force that keeps its world axes: d arm = dp_j - dp_i - R_j skew(r) dtheta_j
+            # on i: -R_i^T (arm x F + T); first for a force that keeps its world axes: d arm = dp_j - dp_i - R_j skew(r)
+            # dtheta_j
             P = tmm(R_i, skew(F))
             put33(Kq, s_ij, 3, 0, P)
             put33(Kq, s_ij, 3, 3, minus(m_cross(mm(P, R_j), r)))

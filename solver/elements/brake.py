@@ -191,7 +191,8 @@ def held_brakes(table: BrakeTable, u: np.ndarray) -> Held:
     capacity = capacities(table, u)
     released = capacity == 0.0
     soft = table._replace(
-        stiffness=np.where(released, RELEASED * table.stiffness, table.stiffness), damping=np.where(released, 0.0, table.damping)
+        stiffness=np.where(released, RELEASED * table.stiffness, table.stiffness),
+        damping=np.where(released, 0.0, table.damping),
     )
     inputs = u.copy()
     inputs[table.input] = HOLD

@@ -1,13 +1,13 @@
 """Bushing: six-component elastic and viscous connection of two markers.
 
-With R_FG the rotation of marker G on body j relative to marker F on body i, theta its rotation vector, d the position of
-G and d' its velocity relative to F, and w the angular velocity of G relative to F (all along the axes of F):
+With R_FG the rotation of marker G on body j relative to marker F on body i, theta its rotation vector, d the position
+of G and d' its velocity relative to F, and w the angular velocity of G relative to F (all along the axes of F):
 
     force on j  = -(k(d) + C d')            torque on j = -(Jr^-1(theta) m(theta) + Ct w)
 
-k and m are the derivatives of a separable potential E(d, theta). Because d theta/dt = Jl^-1(theta) w and the transpose of
-Jl^-1 is Jr^-1, this torque is the exact gradient: the bushing is conservative for large angles too, up to |theta| = pi,
-where the rotation vector jumps. The reaction on i acts at the same point of space, the origin of G.
+k and m are the derivatives of a separable potential E(d, theta). Because d theta/dt = Jl^-1(theta) w and the transpose
+of Jl^-1 is Jr^-1, this torque is the exact gradient: the bushing is conservative for large angles too, up to |theta| =
+pi, where the rotation vector jumps. The reaction on i acts at the same point of space, the origin of G.
 """
 
 from __future__ import annotations
@@ -65,9 +65,10 @@ ZERO: Six = (0.0,) * 6
 class BushingSpec(Spec):
     """Bushing between two markers; see the module for the force. Axes are those of marker i.
 
-    stiffness (N/m x3, N m/rad x3), damping (N s/m x3, N m s/rad x3), both >= 0; laws: up to six force laws, in N over m and
-    N m over rad, that replace the linear stiffness of their axis (None keeps it); preload (N x3, N m x3) is added to
-    stiffness * displacement. The outputs fx..mz are the force and torque on j, x..rz the displacement of j, along the axes of i.
+    stiffness (N/m x3, N m/rad x3), damping (N s/m x3, N m s/rad x3), both >= 0; laws: up to six force laws, in N over m
+    and N m over rad, that replace the linear stiffness of their axis (None keeps it); preload (N x3, N m x3) is added
+    to stiffness * displacement. The outputs fx..mz are the force and torque on j, x..rz the displacement of j, along
+    the axes of i.
     """
 
     counted_as = 'bushings'
@@ -142,7 +143,8 @@ def compile_bushings(specs: Sequence[BushingSpec], context: Context) -> BushingT
 
 @kernel(inline=True)
 def _elastic(table, laws, e, part, x):
-    """Return (dE/dx, d2E/dx2, E) of the elastic potential of bushing e for x along B_i; part 0: displacement, 3: rotation."""
+    """Return (dE/dx, d2E/dx2, E) of the elastic potential of bushing e for x along B_i; part 0: displacement, 3:
+    rotation."""
     if part == 0:
         K = load33(table.K, e)
     else:
@@ -262,7 +264,8 @@ def _show(table, n, by, on, out):
 
 @kernel(inline=True)
 def _add_stiffness(table, n, at, by, on, Kq):
-    """Accumulate the tangents of the forces with respect to position and rotation (columns of solver.elements.relative)."""
+    """Accumulate the tangents of the forces with respect to position and rotation (columns of
+    solver.elements.relative)."""
     C = load33(table.C, n)
     D = msub(m_cross(C, at.w_i), on.K)
     E = msub(m_cross(load33(table.Ct, n), at.s), _torque_tangent(by.theta, on.s2, on.c1, on.c2, on.m, on.Kt))
@@ -316,4 +319,6 @@ def bushing_forces(table, now, effects, out):
             _add_damping(table, n, at, Kv)
 
 
-BUSHINGS = ForceKind(name='bushings', spec=BushingSpec, compile=compile_bushings, kernel=bushing_forces, outputs=OUTPUTS, rotation='rx')
+BUSHINGS = ForceKind(
+    name='bushings', spec=BushingSpec, compile=compile_bushings, kernel=bushing_forces, outputs=OUTPUTS, rotation='rx'
+)

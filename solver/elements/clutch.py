@@ -1,15 +1,18 @@
 """Clutch and gearbox: dry friction with true stick between a shaft and outputs that turn by the ratio of a gear slower.
 
-    slip  w = rate of the shaft - R (sum of share_k rate_k of the outputs)        R: ratio of the gear that the input `gear` chooses
-    torque tau of the friction of solver.elements.brake over w, |tau| <= T = capacity (1 - u), u: the clutch pedal, from 0 to 1
+    slip  w = rate of the shaft - R (sum of share_k rate_k of the outputs)        R: ratio of the gear that the input
+          `gear` chooses
+    torque tau of the friction of solver.elements.brake over w, |tau| <= T = capacity (1 - u), u: the clutch pedal, from
+    0 to 1
     on the shaft -tau, on output k  R share_k tau
 
 In gear 0 the box is in neutral and T = 0. Below -0.5 the input chooses the reverse gear, if there is one; other values
 are rounded, and held within the gears there are. The body in which shaft and outputs turn takes the difference of the
 torques, as a gearbox does.
 
-Several outputs are those of ideal planetary gears behind the gear, whose shares add up to one (half each: a differential): from the rates
-the torques follow by their power, whatever the rates are. Between more than two they are such gears one behind the other.
+Several outputs are those of ideal planetary gears behind the gear, whose shares add up to one (half each: a
+differential): from the rates the torques follow by their power, whatever the rates are. Between more than two they are
+such gears one behind the other.
 """
 
 from __future__ import annotations
@@ -42,7 +45,8 @@ OUTPUTS = {
     **dict.fromkeys(('on_shaft', 'on_first', 'on_second', 'on_third', 'on_fourth', 'on_fifth'), 'N m'),
 }
 FIRST = tuple(OUTPUTS).index('on_shaft')
-TERMS = len(OUTPUTS) - FIRST  # the shaft and five outputs: half shafts of a differential in the gearbox, and shafts to three more axles
+# the shaft and five outputs: half shafts of a differential in the gearbox, and shafts to three more axles
+TERMS = len(OUTPUTS) - FIRST
 
 
 def require_gears(where: str, ratios: Sequence[float], reverse: float | None) -> None:
@@ -56,10 +60,10 @@ def require_gears(where: str, ratios: Sequence[float], reverse: float | None) ->
 
 @dataclass(frozen=True, kw_only=True)
 class ClutchSpec(Spec):
-    """A clutch with a gearbox between a shaft and one to five outputs; see the module. outputs: (coordinate, share). ratios: of the gears
-    from the first one on; reverse: of the reverse gear (None: there is none), both > 0. capacity [N m] >= 0 of the clutch; stiffness
-    [N m/rad] > 0 and damping [N m s/rad] >= 0 of what winds up while it sticks (None: as a brake has it). input: the clutch pedal,
-    gear: the channel that chooses."""
+    """A clutch with a gearbox between a shaft and one to five outputs; see the module. outputs: (coordinate, share).
+    ratios: of the gears from the first one on; reverse: of the reverse gear (None: there is none), both > 0. capacity
+    [N m] >= 0 of the clutch; stiffness [N m/rad] > 0 and damping [N m s/rad] >= 0 of what winds up while it sticks
+    (None: as a brake has it). input: the clutch pedal, gear: the channel that chooses."""
 
     shaft: str
     outputs: tuple[tuple[str, float], ...]
@@ -82,7 +86,8 @@ class ClutchSpec(Spec):
 
 
 class ClutchTable(NamedTuple):
-    """Columns of all clutches; bodies of shaft and outputs are at 2 t (body i) and 2 t + 1 (body j), absent ones the world's."""
+    """Columns of all clutches; bodies of shaft and outputs are at 2 t (body i) and 2 t + 1 (body j), absent ones the
+    world's."""
 
     terms: np.ndarray  # (n,)
     coordinate: np.ndarray  # (n, TERMS) the shaft first
@@ -134,7 +139,8 @@ def _ratio(table, e, chosen):
     first = table.start[e]
     if chosen < -0.5:
         return table.ratio[first]
-    gear = int(min(chosen + 0.5, table.start[e + 1] - first - 1.0))  # held before it is rounded: a number may be beyond all integers
+    # held before it is rounded: a number may be beyond all integers
+    gear = int(min(chosen + 0.5, table.start[e + 1] - first - 1.0))
     if gear == 0:
         return 0.0
     return table.ratio[first + gear]
@@ -169,7 +175,9 @@ def clutch_forces(table, now, effects, out):
         v2, g4, g5, h4, h5 = _turning(table, coordinates, kin, angle, e, 2, -ratio * table.share[e, 2], now.tangents)
         v3, g6, g7, h6, h7 = _turning(table, coordinates, kin, angle, e, 3, -ratio * table.share[e, 3], now.tangents)
         v4, g8, g9, h8, h9 = _turning(table, coordinates, kin, angle, e, 4, -ratio * table.share[e, 4], now.tangents)
-        v5, g10, g11, h10, h11 = _turning(table, coordinates, kin, angle, e, 5, -ratio * table.share[e, 5], now.tangents)
+        v5, g10, g11, h10, h11 = _turning(
+            table, coordinates, kin, angle, e, 5, -ratio * table.share[e, 5], now.tangents
+        )
         slip = v0 + v1 + v2 + v3 + v4 + v5
         capacity = table.capacity[e] * min(max(1.0 - now.u[table.input[e]], 0.0), 1.0)
         if ratio == 0.0:

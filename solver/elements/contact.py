@@ -17,7 +17,25 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import kernel
-from solver.compiled.vec import col, cross, dot, load3, load33, madd, minus, mm, mscale, mv, outer, put33, scale, skew, sub, tmv, transpose
+from solver.compiled.vec import (
+    col,
+    cross,
+    dot,
+    load3,
+    load33,
+    madd,
+    minus,
+    mm,
+    mscale,
+    mv,
+    outer,
+    put33,
+    scale,
+    skew,
+    sub,
+    tmv,
+    transpose,
+)
 from solver.dimensions import Length
 from solver.elements.kind import ConstraintKind
 from solver.elements.marker import ConstraintSpec, Context, Marker, compile_pairs, number_pairs
@@ -54,7 +72,13 @@ class ContactSpec(ConstraintSpec):
             require(False, self.where, 'kind', self.kind, 'unknown kind of contact' + suggestion(str(self.kind), KINDS))
         require(self.i.body != self.j.body, self.where, 'j.body', self.j.body, 'must differ from i.body')
         if self.kind == 'rolling':
-            require(self.radius is not None, self.where, 'radius', None, 'a rolling contact needs the radius of the disc in m')
+            require(
+                self.radius is not None,
+                self.where,
+                'radius',
+                None,
+                'a rolling contact needs the radius of the disc in m',
+            )
             self.set('radius', finite(self.where, 'radius', self.radius, low=0.0, strict=True))
         else:
             require(self.radius is None, self.where, 'radius', self.radius, 'only a rolling contact has a radius')
@@ -97,7 +121,8 @@ def compile_contacts(specs: Sequence[ContactSpec], context: Context) -> ContactT
 
 @kernel(inline=True)
 def _put(gradients, J, table, e, row, R_i, R_j, to_i, to_j, d, kin):
-    """Assign a row along d at the point that is to_i and to_j [m, in W] from the centres of mass, when `gradients`; returns a v."""
+    """Assign a row along d at the point that is to_i and to_j [m, in W] from the centres of mass, when `gradients`;
+    returns a v."""
     i = table.body[e, 0]
     j = table.body[e, 1]
     t_i = tmv(R_i, cross(d, to_i))
@@ -114,7 +139,8 @@ def _put(gradients, J, table, e, row, R_i, R_j, to_i, to_j, d, kin):
 
 @kernel(borrow=True)
 def evaluate_contacts(table, kin, gradients, phi, J):
-    """Assign residuals phi (nc,), of velocity for rows that are not holonomic; when `gradients`, blocks J (entries + 1, 6, 6) of A."""
+    """Assign residuals phi (nc,), of velocity for rows that are not holonomic; when `gradients`, blocks J (entries + 1,
+    6, 6) of A."""
     for e in range(table.row.shape[0]):
         i = table.body[e, 0]
         j = table.body[e, 1]
@@ -125,7 +151,17 @@ def evaluate_contacts(table, kin, gradients, phi, J):
         row = table.row[e]
         if table.code[e] == KNIFE_EDGE:
             phi[row] = _put(
-                gradients, J, table, e, 0, R_i, R_j, sub(centre, load3(kin.p, i)), sub(centre, load3(kin.p, j)), mv(R_j, col(G, 1)), kin
+                gradients,
+                J,
+                table,
+                e,
+                0,
+                R_i,
+                R_j,
+                sub(centre, load3(kin.p, i)),
+                sub(centre, load3(kin.p, j)),
+                mv(R_j, col(G, 1)),
+                kin,
             )
         else:
             F = mm(R_i, load33(table.F, e))
@@ -208,5 +244,9 @@ def _identity(m):
 
 
 CONTACTS = ConstraintKind(
-    name='contacts', spec=ContactSpec, compile=compile_contacts, residuals=evaluate_contacts, hessians=add_contact_gradients
+    name='contacts',
+    spec=ContactSpec,
+    compile=compile_contacts,
+    residuals=evaluate_contacts,
+    hessians=add_contact_gradients,
 )

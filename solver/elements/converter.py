@@ -2,7 +2,8 @@
 
     nu = rate of the turbine / rate of the pump          speed ratio
     driving, nu <= 1:     T_pump = capacity(nu) rate_pump^2,        T_turbine = ratio(nu) T_pump
-    coasting, nu > 1:     both torques are -capacity(1/nu) rate_turbine^2: the turbine drives the pump as a plain coupling
+    coasting, nu > 1:     both torques are -capacity(1/nu) rate_turbine^2: the turbine drives the pump as a plain
+                          coupling
     on the pump -T_pump, on the turbine T_turbine; what both turn in takes the difference: it carries the stator
 
 capacity is 1/K^2 of the K-factor K = rate_pump / sqrt(T_pump), with which stall speed and torque are tabulated [rad/s /
@@ -40,16 +41,31 @@ from solver.validate import finite, require, require_rising
 
 BETWEEN = 64  # places between two points of the tables at which the efficiency is looked at
 ROUNDING = 1e-9  # of an efficiency
-OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'pump': 'rad/s', 'turbine': 'rad/s', 'on_pump': 'N m', 'on_turbine': 'N m'}
+OUTPUTS = {
+    'energy': 'J',
+    'dissipation': 'W',
+    'pump': 'rad/s',
+    'turbine': 'rad/s',
+    'on_pump': 'N m',
+    'on_turbine': 'N m',
+}
 
 
-def require_converter(where: str, speed_ratios: Sequence[float], torque_ratios: Sequence[float], capacities: Sequence[float]) -> None:
+def require_converter(
+    where: str, speed_ratios: Sequence[float], torque_ratios: Sequence[float], capacities: Sequence[float]
+) -> None:
     """Check the tables of a torque converter. Raises SpecError."""
     require_rising(where, 'speed_ratios', speed_ratios, 2)
     ends = (speed_ratios[0], speed_ratios[-1])
     require(ends == (0.0, 1.0), where, 'speed_ratios', ends, 'must begin with 0, the stall, and end with 1')
     for name, values in (('torque_ratios', torque_ratios), ('capacities', capacities)):
-        require(len(values) == len(speed_ratios), where, name, len(values), f'must be {len(speed_ratios)} numbers, as speed_ratios')
+        require(
+            len(values) == len(speed_ratios),
+            where,
+            name,
+            len(values),
+            f'must be {len(speed_ratios)} numbers, as speed_ratios',
+        )
         for k, value in enumerate(values):
             finite(where, f'{name}[{k}]', value, low=0.0)
     require(capacities[0] > 0.0, where, 'capacities[0]', capacities[0], 'must be > 0')
@@ -61,20 +77,30 @@ def require_converter(where: str, speed_ratios: Sequence[float], torque_ratios: 
         'must be 0: no oil flows where pump and turbine turn alike',
     )
     for k, (nu, ratio) in enumerate(zip(speed_ratios, torque_ratios, strict=True)):
-        require(nu * ratio <= 1.0, where, f'torque_ratios[{k}]', ratio, f'times the speed ratio {nu:g} must be at most 1: its efficiency')
+        require(
+            nu * ratio <= 1.0,
+            where,
+            f'torque_ratios[{k}]',
+            ratio,
+            f'times the speed ratio {nu:g} must be at most 1: its efficiency',
+        )
     law = Law.table(list(zip(speed_ratios, torque_ratios, strict=True)), where, 'torque_ratios')
     for k, (low, high) in enumerate(pairwise(speed_ratios), start=1):
         at = low + (high - low) * np.arange(1, BETWEEN) / BETWEEN
         efficiency = at * piecewise_cubic(np.array(law.x), np.array(law.y), np.array(law.slope), at)[0]
         m = int(np.argmax(efficiency))
-        passes = f'with the point before it gives an efficiency of {efficiency[m]:.3f} at the speed ratio {at[m]:.3g}: give more points'
+        passes = (
+            f'with the point before it gives an efficiency of {efficiency[m]:.3f} at the speed ratio '
+            f'{at[m]:.3g}: '
+            'give more points'
+        )
         require(bool(efficiency[m] <= 1.0 + ROUNDING), where, f'torque_ratios[{k}]', torque_ratios[k], passes)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConverterSpec(Spec):
-    """A torque converter between two rotation coordinates; see the module. speed_ratios: rising from 0 to 1; at these torque_ratios [-] and
-    capacities [N m s^2/rad^2], the last one 0."""
+    """A torque converter between two rotation coordinates; see the module. speed_ratios: rising from 0 to 1; at these
+    torque_ratios [-] and capacities [N m s^2/rad^2], the last one 0."""
 
     pump: str
     turbine: str
@@ -99,7 +125,9 @@ def compile_converters(specs: Sequence[ConverterSpec], context: Context) -> Conv
     """Resolve names and laws into a table."""
     n = len(specs)
     table = ConverterTable(
-        coordinate=np.array([[context.coordinate(s.where, name) for name in (s.pump, s.turbine)] for s in specs], np.int64).reshape(n, 2),
+        coordinate=np.array(
+            [[context.coordinate(s.where, name) for name in (s.pump, s.turbine)] for s in specs], np.int64
+        ).reshape(n, 2),
         body=np.zeros((n, 4), np.int64),
         slot=np.zeros((n, 4, 4), np.int64),
         law=np.zeros((n, 2), np.int64),

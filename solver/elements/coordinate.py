@@ -2,10 +2,10 @@
 
 Couplers, drivers, torsional springs, drive and brake torques, joint states and anti-roll bars are all written in them.
 
-The rotation is the twist of the swing-twist decomposition of R_FG, so it is defined for any pair of frames, not only for
-an exact revolute joint: with quaternion (x, y, z, w) of R_FG, theta = 2 atan2(z, w) and
-d theta/dt = g . (w_j - w_i), g = (n_i + n_j)/(1 + n_i . n_j), where n are the z axes of the two markers.
-It is singular only where the two axes are opposite. Angles are continued past +-pi from the value of the last step.
+The rotation is the twist of the swing-twist decomposition of R_FG, so it is defined for any pair of frames, not only
+for an exact revolute joint: with quaternion (x, y, z, w) of R_FG, theta = 2 atan2(z, w) and d theta/dt = g . (w_j -
+w_i), g = (n_i + n_j)/(1 + n_i . n_j), where n are the z axes of the two markers. It is singular only where the two axes
+are opposite. Angles are continued past +-pi from the value of the last step.
 """
 
 from __future__ import annotations
@@ -61,7 +61,9 @@ class CoordinateSpec(Spec):
     j: Marker
 
     def __post_init__(self) -> None:
-        require(self.kind in ('translation', 'rotation'), self.where, 'kind', self.kind, 'must be translation or rotation')
+        require(
+            self.kind in ('translation', 'rotation'), self.where, 'kind', self.kind, 'must be translation or rotation'
+        )
 
 
 class CoordinateTable(NamedTuple):
@@ -95,7 +97,10 @@ def coordinate_value(table, kin, k, angle):
     R_j = load33(kin.R, table.body[k, 1])
     F = load33(table.F, k)
     if table.kind[k] == TRANSLATION:
-        d = sub(point_position(kin, table.body[k, 1], load3(table.r_j, k)), point_position(kin, table.body[k, 0], load3(table.r_i, k)))
+        d = sub(
+            point_position(kin, table.body[k, 1], load3(table.r_j, k)),
+            point_position(kin, table.body[k, 0], load3(table.r_i, k)),
+        )
         return dot(mv(R_i, col(F, 2)), d)
     G = load33(table.G, k)
     x, y = mv(R_i, col(F, 0)), mv(R_i, col(F, 1))
@@ -171,8 +176,8 @@ def add_dyad(g, h, slot, K):
 
 @kernel(inline=True)
 def add_generalized(g, h, n, stiffness, damping, slot, e, Kq, Kv):
-    """Add the tangents of a generalized force Q on n gradients g: dQ = -stiffness g - damping h over places, h being the gradient of the
-    rate, and -damping g over velocities; slot[e, a, b]: block of row a and column b.
+    """Add the tangents of a generalized force Q on n gradients g: dQ = -stiffness g - damping h over places, h being
+    the gradient of the rate, and -damping g over velocities; slot[e, a, b]: block of row a and column b.
     """
     add_generalized_on(g, g, h, n, stiffness, damping, slot, e, Kq, Kv)
 
@@ -193,7 +198,8 @@ def add_generalized_on(rows, g, h, n, stiffness, damping, slot, e, Kq, Kv):
 
 @kernel(borrow=True)
 def coordinate_rate_gradient(table, kin, k):
-    """Return (h_i, h_j): derivative of the rate of coordinate k with respect to the variation, at constant twists; pairs as g_i, g_j."""
+    """Return (h_i, h_j): derivative of the rate of coordinate k with respect to the variation, at constant twists;
+    pairs as g_i, g_j."""
     i = table.body[k, 0]
     j = table.body[k, 1]
     R_i = load33(kin.R, i)
@@ -251,7 +257,8 @@ def add_coordinate_hessian(table, kin, k, Q, Kq):
         # torque on j: r_j x R_j^T Q n
         put33(Kq, s_ji, 3, 3, cross_m(r_j, tmm(R_j, B)))
         put33(Kq, s_jj, 3, 3, mscale(Q, cross_cross(r_j, tmv(R_j, n))))
-        # torque on i: Q N x (R_i^T d + r_i); d(R_i^T d) = R_i^T (dp_j - U_j dtheta_j - dp_i + U_i dtheta_i) + (R_i^T d) x dtheta_i
+        # torque on i: Q N x (R_i^T d + r_i); d(R_i^T d) = R_i^T (dp_j - U_j dtheta_j - dp_i + U_i dtheta_i) + (R_i^T d)
+        # x dtheta_i
         P = mscale(Q, cross_m(N, transpose(R_i)))
         put33(Kq, s_ij, 3, 0, P)
         put33(Kq, s_ij, 3, 3, minus(m_cross(mm(P, R_j), r_j)))
@@ -262,7 +269,8 @@ def add_coordinate_hessian(table, kin, k, Q, Kq):
     m = mv(R_j, M)
     q = 1.0 / (1.0 + dot(n, m))
     g = scale(q, add(n, m))
-    # dn = -R_i [N] dtheta_i, dm = -R_j [M] dtheta_j ; dg = q (dn + dm) - q g (m . dn + n . dm); along the axes of each body:
+    # dn = -R_i [N] dtheta_i, dm = -R_j [M] dtheta_j ; dg = q (dn + dm) - q g (m . dn + n . dm); along the axes of each
+    # body:
     g_i, g_j = tmv(R_i, g), tmv(R_j, g)
     by_i, by_j = cross(N, tmv(R_i, m)), cross(M, tmv(R_j, n))  # m . dn, n . dm
     R_ij = tmm(R_i, R_j)

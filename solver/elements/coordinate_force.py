@@ -3,9 +3,10 @@
     s = sum of factor_k x_k       Q = -spring(s - reference) - damper(ds/dt) - preload + share(ds/dt) input_gain u
     generalized force on coordinate k: factor_k Q
 
-One term and a spring: torsional spring, or a bump stop with a tabulated law. Two terms (+1, -1): anti-roll bar. An input: drive
-torque, steering force. Q > 0 pushes towards larger s. With a top_rate the input is that of a machine with a speed limiter: share is 1
-below 95 % of that rate and falls to 0 at it (a cubic, the droop of a governor), where the input drives; where it brakes it is 1.
+One term and a spring: torsional spring, or a bump stop with a tabulated law. Two terms (+1, -1): anti-roll bar. An
+input: drive torque, steering force. Q > 0 pushes towards larger s. With a top_rate the input is that of a machine with
+a speed limiter: share is 1 below 95 % of that rate and falls to 0 at it (a cubic, the droop of a governor), where the
+input drives; where it brakes it is 1.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ def checked_terms(where: str, terms: Sequence[Sequence[Any]]) -> tuple[tuple[str
 
 
 class Combination(NamedTuple):
-    """Columns of linear combinations of coordinates; bodies and blocks of term t are at 2 t (body i) and 2 t + 1 (body j)."""
+    """Columns of linear combinations of coordinates; bodies and blocks of term t are at 2 t (body i) and 2 t + 1 (body
+    j)."""
 
     terms: np.ndarray  # (n,) number of terms
     coordinate: np.ndarray  # (n, 3)
@@ -81,9 +83,9 @@ class CoordinateForceSpec(Spec):
     """Force along s = sum of factor * coordinate; see the module for the formula.
 
     terms: up to three (coordinate name, factor); spring: law over s - reference, damper: law over ds/dt (None: absent);
-    reference: value of s at which the spring is free; preload is added to spring and damper; input: channel whose value times
-    input_gain is added to Q, up to the rate top_rate of s (None: without limit). Units follow the coordinates: N and m for
-    translations, N m and rad for rotations.
+    reference: value of s at which the spring is free; preload is added to spring and damper; input: channel whose value
+    times input_gain is added to Q, up to the rate top_rate of s (None: without limit). Units follow the coordinates: N
+    and m for translations, N m and rad for rotations.
     """
 
     terms: tuple[tuple[str, float], ...]
@@ -101,7 +103,13 @@ class CoordinateForceSpec(Spec):
             self.set(field, finite(self.where, field, getattr(self, field)))
         if self.top_rate is not None:
             self.set('top_rate', finite(self.where, 'top_rate', self.top_rate, low=0.0, strict=True))
-            require(self.input is not None, self.where, 'top_rate', self.top_rate, 'limits an input: name the input or remove it')
+            require(
+                self.input is not None,
+                self.where,
+                'top_rate',
+                self.top_rate,
+                'limits an input: name the input or remove it',
+            )
 
 
 class CoordinateForceTable(NamedTuple):
@@ -135,7 +143,8 @@ def compile_coordinate_forces(specs: Sequence[CoordinateForceSpec], context: Con
 
 @kernel(inner=True)
 def term(table, coordinates, kin, angle, e, t):
-    """Return (x, dx/dt, g_i, g_j) of term t times its factor, zeros for an absent one: value, rate and the gradients of the value."""
+    """Return (x, dx/dt, g_i, g_j) of term t times its factor, zeros for an absent one: value, rate and the gradients of
+    the value."""
     zero = 0.0 * kin.p[0, 0]
     if t >= table.terms[e]:
         none = ((zero, zero, zero), (zero, zero, zero))
@@ -161,7 +170,8 @@ def rate_gradient(table, coordinates, kin, e, t, needed):
 
 @kernel(inline=True)
 def limited(applied, rate, top):
-    """Return (force, d force/d rate) of an input `applied` at the rate ds/dt of s under a limiter at the rate `top` (0: none)."""
+    """Return (force, d force/d rate) of an input `applied` at the rate ds/dt of s under a limiter at the rate `top` (0:
+    none)."""
     full = applied + 0.0 * rate
     if top == 0.0:
         return full, 0.0 * rate

@@ -26,8 +26,9 @@ MAX_TERMS = 3
 class CouplerSpec(ConstraintSpec):
     """sum of factor * coordinate = offset + input.
 
-    terms: up to three (coordinate name, factor). offset: None takes the value that holds in the placed (initial) configuration.
-    input: name of the channel of u; channels '<input>_rate' and '<input>_acceleration' must exist beside it.
+    terms: up to three (coordinate name, factor). offset: None takes the value that holds in the placed (initial)
+    configuration. input: name of the channel of u; channels '<input>_rate' and '<input>_acceleration' must exist beside
+    it.
     """
 
     terms: tuple[tuple[str, float], ...]
@@ -35,7 +36,13 @@ class CouplerSpec(ConstraintSpec):
     input: str | None = None
 
     def __post_init__(self) -> None:
-        require(1 <= len(self.terms) <= MAX_TERMS, self.where, 'terms', self.terms, f'needs 1 to {MAX_TERMS} [coordinate, factor] pairs')
+        require(
+            1 <= len(self.terms) <= MAX_TERMS,
+            self.where,
+            'terms',
+            self.terms,
+            f'needs 1 to {MAX_TERMS} [coordinate, factor] pairs',
+        )
         self.set('terms', tuple((str(c), finite(self.where, f'factor of {c}', f)) for c, f in self.terms))
         if self.offset is not None:
             self.set('offset', finite(self.where, 'offset', self.offset))

@@ -1,8 +1,9 @@
 """A grid of heights along a reference line, as ASAM OpenCRG has it: u along the line, v to its left.
 
-The line is the cubic spline p(u) through the given places, the rows of the grid lie along the spline m(u) through their normals, and a
-place in the plane is p(u) + v m(u): every node is where the file has it, and u and v are smooth functions of x and y. Beyond its ends the
-line is straight. Heights are those of any other grid (solver.elements.road), over (u, v) in place of (x, y).
+The line is the cubic spline p(u) through the given places, the rows of the grid lie along the spline m(u) through their
+normals, and a place in the plane is p(u) + v m(u): every node is where the file has it, and u and v are smooth
+functions of x and y. Beyond its ends the line is straight. Heights are those of any other grid (solver.elements.road),
+over (u, v) in place of (x, y).
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from solver.validate import require
 MOST_NODES = 64_000_000  # of all curved grids of a road: half a gigabyte; ten times as much does not fit into memory
 BEYOND = 12  # places added to the line at either end: what the spline feels of its end is 0.27^12 there
 STRAIGHT = 4  # of them that are on the straight line to the last bit
-MOST_CELLS = 200_000  # in which the search for the nearest place of a line begins; ten times as many are searched no faster
+# in which the search for the nearest place of a line begins; ten times as many are searched no faster
+MOST_CELLS = 200_000
 SMALLEST_CELL = 0.25  # [m]
 MARGIN = 5.0  # [m] beside a road where the search still begins at the nearest place
 FOLDS = {'keep': 0.0, 'repeat': 1.0, 'reflect': 2.0}  # what a road is beyond its border
@@ -32,8 +34,9 @@ FIELDS = ('u', 'du', 'v', 'dv', 'x', 'y', 'yaw', 'fold_u', 'fold_v', 'u_first', 
 
 
 class Frame(NamedTuple):
-    """Numbers of a curved grid: row 0 and distance of rows along the line, column 0 and distance of columns to its left [m]; x, y [m] and
-    yaw [rad] where u = v = 0 of a straight line; what is beyond the borders (FOLDS), and these [m]."""
+    """Numbers of a curved grid: row 0 and distance of rows along the line, column 0 and distance of columns to its left
+    [m]; x, y [m] and yaw [rad] where u = v = 0 of a straight line; what is beyond the borders (FOLDS), and these
+    [m]."""
 
     u: float
     du: float
@@ -51,7 +54,8 @@ class Frame(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """A reference line as kernels take it: coefficients (n, 4) of the splines p and m, the first numbers of `numbers`, its cells."""
+    """A reference line as kernels take it: coefficients (n, 4) of the splines p and m, the first numbers of `numbers`,
+    its cells."""
 
     spline: np.ndarray
     numbers: tuple[
@@ -65,10 +69,11 @@ NUMBERS = 11
 
 @dataclass(frozen=True, kw_only=True)
 class CurvedGrid:
-    """Heights above the plane on a grid along a reference line: a road from an OpenCRG file (.crg), which stands in place of it.
+    """Heights above the plane on a grid along a reference line: a road from an OpenCRG file (.crg), which stands in
+    place of it.
 
-    sha256: of the arrays with its numbers, which a recording has as an attachment. file: where they came from. notes: what was made of the
-    options and modifiers of the file.
+    sha256: of the arrays with its numbers, which a recording has as an attachment. file: where they came from. notes:
+    what was made of the options and modifiers of the file.
     """
 
     sha256: str
@@ -77,8 +82,17 @@ class CurvedGrid:
 
     def __post_init__(self) -> None:
         where = 'curved grid'
-        require(stored.DIGEST.fullmatch(self.sha256) is not None, where, 'sha256', self.sha256, 'must be 64 hexadecimal digits')
-        remedy = f'its numbers are not on this machine: name {self.file or "the .crg file"} itself in the scene, or read the recording'
+        require(
+            stored.DIGEST.fullmatch(self.sha256) is not None,
+            where,
+            'sha256',
+            self.sha256,
+            'must be 64 hexadecimal digits',
+        )
+        remedy = (
+            f'its numbers are not on this machine: name {self.file or "the .crg file"} itself in the scene, or '
+            'read the recording'
+        )
         require(stored.find(self.sha256) is not None, where, 'sha256', self.sha256, remedy)
         object.__setattr__(self, 'notes', tuple(self.notes))
         try:
@@ -128,7 +142,9 @@ def heights_of(sha256: str) -> Heights:
     given = arrays['z'][:, None] + arrays['height']
     columns = round((v[-1] - v[0]) / f.dv) + 1
     if columns * len(given) > MOST_NODES:
-        raise SpecError(f'curved grid: {columns * len(given)} heights are too many (at most {MOST_NODES}): take a part of the road')
+        raise SpecError(
+            f'curved grid: {columns * len(given)} heights are too many (at most {MOST_NODES}): take a part of the road'
+        )
     if columns != len(v):  # linear between the sections of a file
         at = np.minimum(v[0] + f.dv * np.arange(columns), v[-1])
         low = np.clip(np.searchsorted(v, at + 1e-9 * f.dv, side='right') - 1, 0, len(v) - 2)
@@ -159,7 +175,8 @@ def curve_of(grid: CurvedGrid) -> Curve:
 
 
 def _cells(line: np.ndarray, reach: float) -> tuple[tuple[float, float], float, np.ndarray]:
-    """Corner [m], size [m] and (n_x, n_y) nearest places of squares that cover a line and what is within reach of it."""
+    """Corner [m], size [m] and (n_x, n_y) nearest places of squares that cover a line and what is within reach of
+    it."""
     from scipy.spatial import cKDTree
 
     places = line[:, :2]
@@ -224,7 +241,8 @@ def _miss(x, y, p, d):
 
 @kernel(borrow=True)
 def _nearest(road, k, x, y):
-    """Number of the place of line k whose row goes through x, y [m], real numbers: Newton's iteration from the middle of a cell."""
+    """Number of the place of line k whose row goes through x, y [m], real numbers: Newton's iteration from the middle
+    of a cell."""
     n = road.line_numbers[k]
     n_x = road.line_cells[k, 1]
     n_y = road.line_cells[k, 2]
@@ -243,7 +261,8 @@ def _nearest(road, k, x, y):
 
 @kernel(inner=True)
 def _folded(u, fold, first, last):
-    """u, or v, within the borders of a road that is repeated or reflected beyond them, and the sign of its derivative."""
+    """u, or v, within the borders of a road that is repeated or reflected beyond them, and the sign of its
+    derivative."""
     if fold > 0.5 and (u.real < first or u.real > last):
         times = np.floor((u.real - first) / (last - first))
         if fold > 1.5 and times % 2.0 == 1.0:
@@ -254,8 +273,9 @@ def _folded(u, fold, first, last):
 
 @kernel(inner=True)
 def on_line(road, k, x, y):
-    """(u, v) [m] of x, y [m] along line k, first derivatives (u_x, u_y, v_x, v_y), second ones (u_xx, u_xy, u_yy, v_xx, v_xy, v_yy) [1/m],
-    and the signs of u and v where the road is reflected. Inside of the centre of curvature u is taken as constant."""
+    """(u, v) [m] of x, y [m] along line k, first derivatives (u_x, u_y, v_x, v_y), second ones (u_xx, u_xy, u_yy, v_xx,
+    v_xy, v_yy) [1/m], and the signs of u and v where the road is reflected. Inside of the centre of curvature u is
+    taken as constant."""
     near = _nearest(road, k, x.real, y.real)
     p, d, _ = _curve(road, k, near)
     slope = _miss(x.real, y.real, p, d)[1]
@@ -279,7 +299,8 @@ def on_line(road, k, x, y):
         v_y = ax * r
         sx = dd[0] + v * dd[2]
         sy = dd[1] + v * dd[3]
-        # x_i = p_i + v m_i, differentiated twice: of every pair of directions what the second derivatives of u and v make up for
+        # x_i = p_i + v m_i, differentiated twice: of every pair of directions what the second derivatives of u and v
+        # make up for
         qx = sx * a_x * a_x + 2.0 * d[2] * a_x * v_x
         qy = sy * a_x * a_x + 2.0 * d[3] * a_x * v_x
         rx = sx * a_x * a_y + d[2] * (a_x * v_y + a_y * v_x)

@@ -34,22 +34,31 @@ from solver.elements.laws import Law
 from solver.elements.marker import Context, Spec, slots
 from solver.validate import require, require_grid, require_rising
 
-NARROWEST = 1.0  # rad/s below the first speed over which a torque passes into what it is when the engine is turned backwards
+# rad/s below the first speed over which a torque passes into what it is when the engine is turned backwards
+NARROWEST = 1.0
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'rate': 'rad/s', 'torque': 'N m', 'pedal': ''}
 
 
-def require_engine(where: str, speeds: Sequence[float], pedals: Sequence[float], torques: Sequence[Sequence[float]]) -> None:
+def require_engine(
+    where: str, speeds: Sequence[float], pedals: Sequence[float], torques: Sequence[Sequence[float]]
+) -> None:
     """Check a map of torques over pedals (rows) and speeds (columns). Raises SpecError."""
     require_rising(where, 'speeds', speeds, 2)
     require_rising(where, 'pedals', pedals)
     require_grid(where, 'torques', torques, ('pedals', len(pedals)), ('speeds', len(speeds)))
     for k, row in enumerate(torques):
-        require(row[-1] <= row[-2], where, f'torques[{k}]', row[-1], 'must not rise towards the last speed: the curve goes on so beyond it')
+        require(
+            row[-1] <= row[-2],
+            where,
+            f'torques[{k}]',
+            row[-1],
+            'must not rise towards the last speed: the curve goes on so beyond it',
+        )
 
 
 def continued_below(law: Law) -> Law:
-    """The torque [N m] over the speed [rad/s] of one position of the pedal, as it goes on below its first speed: at negative speeds it
-    must not be negative, or an engine that is turned backwards runs away.
+    """The torque [N m] over the speed [rad/s] of one position of the pedal, as it goes on below its first speed: at
+    negative speeds it must not be negative, or an engine that is turned backwards runs away.
 
     A torque that falls over the speed there, and is not below zero at rest, goes on along its slope. One that rises
     follows its slope down to rest, at most to zero, which it meets as a parabola does, and is constant further down. A
@@ -72,8 +81,8 @@ def continued_below(law: Law) -> Law:
 
 @dataclass(frozen=True, kw_only=True)
 class EngineSpec(Spec):
-    """The torque of an engine on a rotation coordinate; see the module. input: position of the pedal, from 0 to 1. speeds [rad/s] and
-    pedals, rising; torques [N m]: for each pedal those at the speeds."""
+    """The torque of an engine on a rotation coordinate; see the module. input: position of the pedal, from 0 to 1.
+    speeds [rad/s] and pedals, rising; torques [N m]: for each pedal those at the speeds."""
 
     coordinate: str
     input: str
@@ -100,7 +109,11 @@ class EngineTable(NamedTuple):
 def compile_engines(specs: Sequence[EngineSpec], context: Context) -> EngineTable:
     """Resolve names and laws into a table."""
     n = len(specs)
-    laws = [continued_below(Law.table(list(zip(s.speeds, row, strict=True)), s.where, 'torques')) for s in specs for row in s.torques]
+    laws = [
+        continued_below(Law.table(list(zip(s.speeds, row, strict=True)), s.where, 'torques'))
+        for s in specs
+        for row in s.torques
+    ]
     table = EngineTable(
         coordinate=np.array([context.coordinate(s.where, s.coordinate) for s in specs], np.int64),
         body=np.zeros((n, 2), np.int64),

@@ -1,15 +1,16 @@
 """The road that a tire makes of obstacles shorter than its contact patch: tandem elliptical cams on a grid of heights.
 
-A rigid cam with the outline of the tire rolls over the profile and traces its basic curve; the tire feels the basic curve through a
-patch of finite length and width, whose two ends follow it [Schmeitz2004], [Zegelaar1998]. All cams of a patch, one behind the other
-and side by side, together make the effective road
+A rigid cam with the outline of the tire rolls over the profile and traces its basic curve; the tire feels the basic
+curve through a patch of finite length and width, whose two ends follow it [Schmeitz2004], [Zegelaar1998]. All cams of a
+patch, one behind the other and side by side, together make the effective road
 
     w(x, y) = mean of E over the base,    E(x, y) = max over s of h(x + s, y) - (b - b (1 - |s/a|^c)^(1/c)),
 
-so that dw/dx is the slope between the front and the rear cam (the two-point follower), and dw/dy that between the outer rows. It is
-computed once, when a model is compiled, and the step reads it like any other grid. The vertical spring stands on w along the normal of
-the base plane: its force along the normal of w is then the gradient of a potential, and an obstacle that is crossed gives back what it
-took. The base has the length and width at nominal load; the wheel rolls along the x axis of the grid.
+so that dw/dx is the slope between the front and the rear cam (the two-point follower), and dw/dy that between the outer
+rows. It is computed once, when a model is compiled, and the step reads it like any other grid. The vertical spring
+stands on w along the normal of the base plane: its force along the normal of w is then the gradient of a potential, and
+an obstacle that is crossed gives back what it took. The base has the length and width at nominal load; the wheel rolls
+along the x axis of the grid.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ import numpy as np
 from solver.errors import SpecError
 
 NODES_ALONG, NODES_ACROSS = 12, 6  # nodes of the effective road per length and width of the base
-LARGEST = 64_000_000  # nodes of an effective road, half a gigabyte as of MOST_NODES in curved_grid; ten times as many fit into no memory
+# nodes of an effective road, half a gigabyte as of MOST_NODES in curved_grid; ten times as many fit into no memory
+LARGEST = 64_000_000
 BLOCK = 4_000_000  # nodes that are computed at once, which takes ten times their memory
 END = 0.98  # of half the length of a cam: its end is vertical
 
@@ -57,7 +59,8 @@ class Edge(NamedTuple):
 
 
 def sharpest(grid: Heights) -> Edge:
-    """The roundest hollow of a grid that is level beyond its border, by second differences; curvature 0 where there is none."""
+    """The roundest hollow of a grid that is level beyond its border, by second differences; curvature 0 where there is
+    none."""
     worst, node = 0.0, (0, 0)
     for axis, step in enumerate(grid.step):
         beside = [(1, 1) if k == axis else (0, 0) for k in range(2)]
@@ -73,7 +76,8 @@ def sharpest(grid: Heights) -> Edge:
 def effective(grid: Heights, tire: Footprint, where: str) -> Heights:
     """The effective road of a grid, on a finer grid that reaches as far as an obstacle at its border does.
 
-    Between its nodes the road is linear. where: what error sentences call it. Raises SpecError for more than LARGEST nodes.
+    Between its nodes the road is linear. where: what error sentences call it. Raises SpecError for more than LARGEST
+    nodes.
     """
     raster = _raster(grid, tire)
     if raster.nodes > LARGEST:
@@ -85,7 +89,8 @@ def effective(grid: Heights, tire: Footprint, where: str) -> Heights:
         mean = _columns(grid, tire, raster, 0, m)
     else:
         mean = np.empty((n, m))
-        beside = math.ceil(0.5 * tire.width / fine_y) + 2 if across else 0  # columns that the mean across a base reaches
+        # columns that the mean across a base reaches
+        beside = math.ceil(0.5 * tire.width / fine_y) + 2 if across else 0
         for first in range(0, m, columns):
             last = min(first + columns, m)
             low = max(first - beside, 0)
@@ -125,7 +130,11 @@ def _raster(grid: Heights, tire: Footprint) -> _Raster:
 def too_fine(grid: Heights, tire: Footprint) -> str:
     """Why the effective road of a grid is too large, as a sentence; '' where it is not."""
     raster = _raster(grid, tire)
-    return f'the road that the tires make of it would have {raster.nodes} nodes ({_of(raster)})' if raster.nodes > LARGEST else ''
+    return (
+        f'the road that the tires make of it would have {raster.nodes} nodes ({_of(raster)})'
+        if raster.nodes > LARGEST
+        else ''
+    )
 
 
 def _of(raster: _Raster) -> str:
@@ -155,7 +164,8 @@ def _linear(height: np.ndarray, count: int, before: int, ratio: float, axis: int
 
 
 def _rolled(road: np.ndarray, step: float, tire: Footprint) -> np.ndarray:
-    """The basic curve along axis 0: how high the lowest point of a cam is that touches the road with its centre there."""
+    """The basic curve along axis 0: how high the lowest point of a cam is that touches the road with its centre
+    there."""
     reach = int(END * tire.cam_length / step)
     ends = [abs(k) * step / tire.cam_length for k in range(-reach, reach + 1)]
     drop = [tire.cam_height * (1.0 - math.pow(1.0 - math.pow(x, tire.order), 1.0 / tire.order)) for x in ends]

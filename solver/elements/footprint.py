@@ -12,7 +12,8 @@ from solver.elements.tire_data import DEFAULT_WIDTH, TireData
 def footprint(tires: Sequence[TireData]) -> Footprint | None:
     """The base and the cams of the smallest of the tires, whose obstacles are the hardest; None where there is no tire.
 
-    Half length and width of the base at nominal load from the contact patch [Besselink2010], the length scaled by ELLIPS_SHIFT.
+    Half length and width of the base at nominal load from the contact patch [Besselink2010], the length scaled by
+    ELLIPS_SHIFT.
     """
     if not tires:
         return None

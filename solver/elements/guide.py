@@ -1,4 +1,5 @@
-"""Guide: an axle of two wheels whose places follow smooth maps over travel, travel of the other wheel and steering, and give elastically.
+"""Guide: an axle of two wheels whose places follow smooth maps over travel, travel of the other wheel and steering, and
+give elastically.
 
 The effect of arms, links, rubbers and rack on two wheels is a force between them and the chassis; none of these parts
 is a body. Of each wheel, relative to the chassis and along its axes:
@@ -6,17 +7,18 @@ is a body. Of each wheel, relative to the chassis and along its axes:
     x, y    wheel centre from its place in the design position [m]         s = z    travel [m]
     psi     turn of the spin axis about z, arctan(-a_x/a_y) [rad]          gamma    its lift, a_z [-]
 
-The wheel turns about its axis freely. Unloaded it stands at (X, Y, Psi, Gamma)(s, o, sigma), with the travel o of the other wheel and the
-rotation sigma that steers; delta (8,) are the departures of both wheels from there. With the energy
+The wheel turns about its axis freely. Unloaded it stands at (X, Y, Psi, Gamma)(s, o, sigma), with the travel o of the
+other wheel and the rotation sigma that steers; delta (8,) are the departures of both wheels from there. With the energy
 
-    U = 1/2 delta' K delta + spring_l(s_l) + spring_r(s_r) + s_l s_r (c_0 + c_1 (s_l + s_r) + c_2 (s_l^2 + s_r^2) + c_3 s_l s_r)
-        + sigma (P_l(s_l) + P_r(s_r)) + gear(sigma)
+    U = 1/2 delta' K delta + spring_l(s_l) + spring_r(s_r) + s_l s_r (c_0 + c_1 (s_l + s_r) + c_2 (s_l^2 + s_r^2) + c_3
+        s_l s_r) + sigma (P_l(s_l) + P_r(s_r)) + gear(sigma)
 
-all forces are its gradient: the map carries a load at the wheel to the travel (its slope X_s is the anti-dive of the wheel centre) and to
-the steering (its slope over sigma is what the driver feels). P, a cubic without a constant, is the torque of springs that steering
-winds up, and what it shifts of their load; the steering gear has springs and dampers of its own. K lags: it acts on delta + lag
-d(delta)/dt. A damper of the length L(s) + c o pulls the travel with the force -F L', and the other wheel of a dependent axle with -F c. It
-stands on a mount k, which takes the part w = F/k of its way, an internal state:
+all forces are its gradient: the map carries a load at the wheel to the travel (its slope X_s is the anti-dive of the
+wheel centre) and to the steering (its slope over sigma is what the driver feels). P, a cubic without a constant, is the
+torque of springs that steering winds up, and what it shifts of their load; the steering gear has springs and dampers of
+its own. K lags: it acts on delta + lag d(delta)/dt. A damper of the length L(s) + c o pulls the travel with the force
+-F L', and the other wheel of a dependent axle with -F c. It stands on a mount k, which takes the part w = F/k of its
+way, an internal state:
 
     F = law(L' ds/dt + c do/dt - dw/dt),     k = 0: F = law(L' ds/dt + c do/dt)
 
@@ -24,17 +26,18 @@ A brake acts between the wheel and its carrier (the law of solver.elements.brake
 
     theta = Theta(s, o, sigma) + w' delta
 
-so a braked wheel lifts or lowers the chassis and winds its suspension up. A drive between wheels and what carries them (a motor in the hub,
-the differential of a live axle) turns that back alike: of its torque Q on the sum of factors times the turns of the wheels (the input under
-the limiter of solver.elements.coordinate_force, which acts on the wheels themselves) the part -factor Q is on theta. Maps are cubic
-B-splines, continued linearly, and cubic in o, that of Theta too:
+so a braked wheel lifts or lowers the chassis and winds its suspension up. A drive between wheels and what carries them
+(a motor in the hub, the differential of a live axle) turns that back alike: of its torque Q on the sum of factors times
+the turns of the wheels (the input under the limiter of solver.elements.coordinate_force, which acts on the wheels
+themselves) the part -factor Q is on theta. Maps are cubic B-splines, continued linearly, and cubic in o, that of Theta
+too:
 
     Q(s, o, sigma) = Q(s, 0, sigma) + o (b_0 + b_1 s + b_2 o + b_3 s^2 + b_4 s o + b_5 o^2 + b_6 sigma)
 
 All is measured on a bench: solver.levels.kc.
 
-Tangents are exact at rest, and over velocities; left out is how rates change with the position, which is of the order of rate times lag,
-and what a limiter that fades takes from theta.
+Tangents are exact at rest, and over velocities; left out is how rates change with the position, which is of the order
+of rate times lag, and what a limiter that fades takes from theta.
 """
 
 from __future__ import annotations
@@ -58,8 +61,16 @@ SIDES = ('left', 'right')
 OUTPUTS = {
     'energy': 'J',
     'dissipation': 'W',
-    **{f'{name}_{side}': unit for side in SIDES for name, unit in (('steer', 'rad'), ('camber', ''), ('spring_force', 'N'))},
-    **{f'{name}_{side}': unit for side in SIDES for name, unit in (('damper_force', 'N'), ('windup', 'rad'), ('brake_torque', 'N m'))},
+    **{
+        f'{name}_{side}': unit
+        for side in SIDES
+        for name, unit in (('steer', 'rad'), ('camber', ''), ('spring_force', 'N'))
+    },
+    **{
+        f'{name}_{side}': unit
+        for side in SIDES
+        for name, unit in (('damper_force', 'N'), ('windup', 'rad'), ('brake_torque', 'N m'))
+    },
     'steering_torque': 'N m',
     'gear_torque': 'N m',
 }
@@ -71,18 +82,19 @@ SYMMETRIC = 1e-9  # relative: what rounding may leave of the difference of a sti
 class GuideSpec(Spec):
     """The guide of an axle; made by the level kc of a vehicle, see the module.
 
-    chassis, left, right: bodies; the reference frames of the wheels are at their centres of mass, which are the wheel centres. centers:
-    these in the chassis, in the design position [m]. axes: spin axes in the wheels. travel, steering: nodes (first, step, count) of the
-    maps [m], [unit of the coordinate]. shape: coefficients of the maps, over side, travel, steering, quantity (x, y, psi, gamma, theta);
-    opposite: b_0 ... b_6 over side, quantity. coordinate: the rotation that steers. stiffness: K (8, 8) over (x, y, psi, gamma) of left
-    and right. lag [s]. windup: w over side, (8,). springs: force against travel of either side; coupling: c_0 ... c_3;
-    jacking: coefficients of P over side. gear: laws of the torque of springs over the coordinate, of dampers over its rate [N m]. dampers:
-    laws of either side;
-    ratios: coefficients of the powers of s in L', over side; crossings: c of either side. mounts: their k [N/m], 0 for none; yields: with
-    a mount the inverse of the damper's law, rate over force. wheels: coordinates of the turning wheels, to show the brake torque at.
-    input: of the brakes; shares of either wheel in it; brake_stiffness [N m/rad], brake_damping [N m s/rad] of a stuck wheel.
-    drive: input of what drives the wheels from their carriers [N m]; drives: up to two, (factor of the left wheel, of the right one, gain
-    of the input, rate at which it ends [rad/s] or 0).
+    chassis, left, right: bodies; the reference frames of the wheels are at their centres of mass, which are the wheel
+    centres. centers: these in the chassis, in the design position [m]. axes: spin axes in the wheels. travel, steering:
+    nodes (first, step, count) of the maps [m], [unit of the coordinate]. shape: coefficients of the maps, over side,
+    travel, steering, quantity (x, y, psi, gamma, theta); opposite: b_0 ... b_6 over side, quantity. coordinate: the
+    rotation that steers. stiffness: K (8, 8) over (x, y, psi, gamma) of left and right. lag [s]. windup: w over side,
+    (8,). springs: force against travel of either side; coupling: c_0 ... c_3; jacking: coefficients of P over side.
+    gear: laws of the torque of springs over the coordinate, of dampers over its rate [N m]. dampers: laws of either
+    side; ratios: coefficients of the powers of s in L', over side; crossings: c of either side. mounts: their k [N/m],
+    0 for none; yields: with a mount the inverse of the damper's law, rate over force. wheels: coordinates of the
+    turning wheels, to show the brake torque at. input: of the brakes; shares of either wheel in it; brake_stiffness [N
+    m/rad], brake_damping [N m s/rad] of a stuck wheel. drive: input of what drives the wheels from their carriers [N
+    m]; drives: up to two, (factor of the left wheel, of the right one, gain of the input, rate at which it ends [rad/s]
+    or 0).
     """
 
     chassis: str
@@ -120,7 +132,9 @@ class GuideSpec(Spec):
         for name, nodes in (('travel', self.travel), ('steering', self.steering)):
             require(nodes[1] > 0.0 and nodes[2] >= 1, where, name, nodes, 'must be (first, step > 0, count >= 1)')
         require(self.travel[2] > 1, where, 'travel', self.travel, 'needs two nodes or more')
-        require(self.coordinate is not None or self.steering[2] == 1, where, 'steering', self.steering, 'needs a coordinate')
+        require(
+            self.coordinate is not None or self.steering[2] == 1, where, 'steering', self.steering, 'needs a coordinate'
+        )
         require(self.coordinate is not None or not any(self.gear), where, 'gear', self.gear, 'needs a coordinate')
         count = 2 * Nodes(*self.travel).coefficients * Nodes(*self.steering).coefficients * len(QUANTITIES)
         lengths = {'shape': count, 'opposite': 10 * BESIDE, 'stiffness': 64, 'windup': 16, 'jacking': 6, 'ratios': 10}
@@ -130,7 +144,13 @@ class GuideSpec(Spec):
             self.set(name, tuple(finite(where, name, v) for v in values))
         K = np.array(self.stiffness).reshape(8, 8)
         apart, largest = float(np.abs(K - K.T).max()), float(np.abs(K).max())
-        require(apart <= SYMMETRIC * largest, where, 'stiffness', apart, 'is how far it is from its transpose; it must be symmetric')
+        require(
+            apart <= SYMMETRIC * largest,
+            where,
+            'stiffness',
+            apart,
+            'is how far it is from its transpose; it must be symmetric',
+        )
         self.set('crossings', tuple(finite(where, 'crossings', c) for c in self.crossings))
         self.set('mounts', tuple(finite(where, 'mounts', k, low=0.0) for k in self.mounts))
         require(self.yields is not None or not any(self.mounts), where, 'yields', self.yields, 'is needed with mounts')
@@ -143,11 +163,13 @@ class GuideSpec(Spec):
 
 
 class GuideTable(NamedTuple):
-    """Columns of all guides. Bodies are chassis, left, right, and the two of the steering coordinate (the world without one)."""
+    """Columns of all guides. Bodies are chassis, left, right, and the two of the steering coordinate (the world without
+    one)."""
 
     body: np.ndarray  # (n, 5)
     slot: np.ndarray  # (n, 5, 5)
-    origin: np.ndarray  # (2 n, 3) wheel centres in the design position from the centre of mass of the chassis, along its axes [m]
+    # (2 n, 3) wheel centres in the design position from the centre of mass of the chassis, along its axes [m]
+    origin: np.ndarray
     axis: np.ndarray  # (2 n, 3) spin axes in the wheels
     nodes: np.ndarray  # (n, 4) first and step of travel and steering
     number: np.ndarray  # (n, 2) of them
@@ -212,7 +234,9 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
         stiffness=np.array([s.brake_stiffness for s in specs], float),
         damping=np.array([s.brake_damping for s in specs], float),
         drive=np.zeros(n, np.int64),
-        drives=np.array([s.drives[k] if k < len(s.drives) else (0.0,) * 4 for s in specs for k in range(DRIVES)], float).reshape(-1, 4),
+        drives=np.array(
+            [s.drives[k] if k < len(s.drives) else (0.0,) * 4 for s in specs for k in range(DRIVES)], float
+        ).reshape(-1, 4),
     )
     for e, spec in enumerate(specs):
         chassis = context.marker(spec.where, Marker(body=spec.chassis))
@@ -237,11 +261,13 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
 
 
 def held_guides(table: GuideTable, u: np.ndarray) -> Held:
-    """Brakes hold in the search for static equilibrium, those that are released softly: see solver.elements.brake.held_brakes."""
+    """Brakes hold in the search for static equilibrium, those that are released softly: see
+    solver.elements.brake.held_brakes."""
     capacity = guide_capacities(table, u)
     released = (capacity == 0.0).all(axis=1)
     soft = table._replace(
-        stiffness=np.where(released, RELEASED * table.stiffness, table.stiffness), damping=np.where(released, 0.0, table.damping)
+        stiffness=np.where(released, RELEASED * table.stiffness, table.stiffness),
+        damping=np.where(released, 0.0, table.damping),
     )
     inputs = u.copy()
     inputs[table.input] = HOLD

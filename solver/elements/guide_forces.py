@@ -1,7 +1,8 @@
-"""Forces of a guide (solver.elements.guide): where both wheels are, what acts on them, and its tangents, phase by phase.
+"""Forces of a guide (solver.elements.guide): where both wheels are, what acts on them, and its tangents, phase by
+phase.
 
-Both wheels share everything: departures, brakes, drives, steering. Names end in l and r for left and right, and in t for the
-steering.
+Both wheels share everything: departures, brakes, drives, steering. Names end in l and r for left and right, and in t
+for the steering.
 """
 
 from __future__ import annotations
@@ -153,7 +154,16 @@ def _departed(table, e, at, tangents):
     by_t = eight(m_l, m_r, 3)
     there = (left.x[0], left.x[1], left.x[3], left.x[4], right.x[0], right.x[1], right.x[3], right.x[4])
     delta = plus8(there, -1.0, eight(m_l, m_r, 0))
-    moving = (left.rate[0], left.rate[1], left.rate[3], left.rate[4], right.rate[0], right.rate[1], right.rate[3], right.rate[4])
+    moving = (
+        left.rate[0],
+        left.rate[1],
+        left.rate[3],
+        left.rate[4],
+        right.rate[0],
+        right.rate[1],
+        right.rate[3],
+        right.rate[4],
+    )
     rate = plus8(plus8(plus8(moving, -at.v_l, by_l), -at.v_r, by_r), -at.sigma_rate, by_t)
     return Departed(m_l, m_r, by_l, by_r, by_t, delta, rate, times8(table.K, e, delta), times8(table.K, e, rate))
 
@@ -224,9 +234,25 @@ def _loads(table, e, at, off, brakes, springs):
     held = plus8(plus8(force, -p_l, brakes.w_l), -p_r, brakes.w_r)
     by_l, by_r, by_t = off.by_l, off.by_r, off.by_t
     U, P_l, P_r = springs.U, springs.P_l, springs.P_r
-    q_l = dot8(held, by_l) + (p_l * m_l[4][1] + p_r * m_r[4][2]) - springs.spring_l - U[1] + springs.d_l - at.sigma * P_l[1]
-    q_r = dot8(held, by_r) + (p_l * m_l[4][2] + p_r * m_r[4][1]) - springs.spring_r - U[2] + springs.d_r - at.sigma * P_r[1]
-    q_t = dot8(held, by_t) + (p_l * m_l[4][3] + p_r * m_r[4][3]) - (P_l[0] + P_r[0]) - springs.spring_t - springs.damper_t
+    q_l = (
+        dot8(held, by_l)
+        + (p_l * m_l[4][1] + p_r * m_r[4][2])
+        - springs.spring_l
+        - U[1]
+        + springs.d_l
+        - at.sigma * P_l[1]
+    )
+    q_r = (
+        dot8(held, by_r)
+        + (p_l * m_l[4][2] + p_r * m_r[4][1])
+        - springs.spring_r
+        - U[2]
+        + springs.d_r
+        - at.sigma * P_r[1]
+    )
+    q_t = (
+        dot8(held, by_t) + (p_l * m_l[4][3] + p_r * m_r[4][3]) - (P_l[0] + P_r[0]) - springs.spring_t - springs.damper_t
+    )
     on_l = wrench(at.left, -held[0], -held[1], q_l, -held[2], -held[3], -brakes.t_l)
     on_r = wrench(at.right, -held[4], -held[5], q_r, -held[6], -held[7], -brakes.t_r)
     return Loads(held, q_t, on_l, on_r)
@@ -243,7 +269,8 @@ def _add_loads(table, e, at, loads, f):
 
 @kernel(inline=True)
 def _add_motions(table, e, at, off, brakes, springs, loads, Kq, Kv):
-    """Accumulate what changes with the motions of the wheels against the chassis, and as the axes of the wrenches turn."""
+    """Accumulate what changes with the motions of the wheels against the chassis, and as the axes of the wrenches
+    turn."""
     m_l, m_r, p_l, p_r, held, lag = off.m_l, off.m_r, brakes.p_l, brakes.p_r, loads.held, table.lag[e]
     U, P_l, P_r, damper_l, damper_r = springs.U, springs.P_l, springs.P_r, springs.damper_l, springs.damper_r
     K, slots = table.K, table.slot
@@ -335,7 +362,8 @@ def _show(table, e, at, off, brakes, springs, loads, z, out):
 
 @kernel(borrow=True)
 def guide_forces(table, now, effects, out):
-    """Accumulate forces and tangents of all guides, assign their internal states (contract: solver/elements/__init__.py)."""
+    """Accumulate forces and tangents of all guides, assign their internal states (contract:
+    solver/elements/__init__.py)."""
     f, Kq, Kv = sums(effects)
     for e in range(table.state.shape[0]):
         at = _axle(table, now, e)

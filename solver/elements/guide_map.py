@@ -1,4 +1,5 @@
-"""Maps of a guide: cubic B-splines over travel and steering, cubic in the travel of the other wheel (solver.elements.guide)."""
+"""Maps of a guide: cubic B-splines over travel and steering, cubic in the travel of the other wheel
+(solver.elements.guide)."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ class Nodes(NamedTuple):
 
 @kernel(inner=True)
 def _place(x, first, step, count):
-    """(first B-spline, weights of four, their slopes and second derivatives) at x; beyond the nodes linearly continued."""
+    """(first B-spline, weights of four, their slopes and second derivatives) at x; beyond the nodes linearly
+    continued."""
     t = (x - first) / step
     i = int(min(max(np.floor(t.real), 0.0), count - 2.0))
     u = t - i
@@ -113,7 +115,8 @@ def _surface(shape, at, q, bent):
 
 @kernel(inline=True)
 def _quantity(table, side, q, s, o, sigma, v, v_s, v_t, v_ss, v_st, v_tt):
-    """(value, by s, o, sigma, s s, s o, s sigma, sigma sigma, o o, o sigma) of quantity q with the travel o of the other wheel."""
+    """(value, by s, o, sigma, s s, s o, s sigma, sigma sigma, o o, o sigma) of quantity q with the travel o of the
+    other wheel."""
     b = table.opposite
     b1, b2, b3, b4, b5, b6 = b[side, q, 1], b[side, q, 2], b[side, q, 3], b[side, q, 4], b[side, q, 5], b[side, q, 6]
     to_here = b[side, q, 0] + s * (b1 + b3 * s) + o * (b2 + b4 * s + b5 * o) + b6 * sigma
@@ -128,7 +131,14 @@ def _quantity(table, side, q, s, o, sigma, v, v_s, v_t, v_ss, v_st, v_tt):
 def _three(table, side, at, q, s, o, sigma, bent):
     """Quantities q, q + 1, q + 2; the last one of none is not looked at."""
     x = _surface(table.shape, at, q, bent)
-    v, v_s, v_t, v_ss, v_st, v_tt = numbers(x.v), numbers(x.s), numbers(x.t), numbers(x.ss), numbers(x.st), numbers(x.tt)
+    v, v_s, v_t, v_ss, v_st, v_tt = (
+        numbers(x.v),
+        numbers(x.s),
+        numbers(x.t),
+        numbers(x.ss),
+        numbers(x.st),
+        numbers(x.tt),
+    )
     last = min(q + 2, len(QUANTITIES) - 1)
     return (
         _quantity(table, side, q, s, o, sigma, v[0], v_s[0], v_t[0], v_ss[0], v_st[0], v_tt[0]),

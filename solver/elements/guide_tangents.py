@@ -1,11 +1,23 @@
-"""Tangents of a guide: what its forces change by the motions of chassis, wheels and steering (solver.elements.guide)."""
+"""Tangents of a guide: what its forces change by the motions of chassis, wheels and steering
+(solver.elements.guide)."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 from solver.compiled.kernel import kernel
-from solver.compiled.rows import add_block, add_rows, combine2, cross_rows, mul_rows, row, rows, scale_rows, sub_rows, transpose_rows
+from solver.compiled.rows import (
+    add_block,
+    add_rows,
+    combine2,
+    cross_rows,
+    mul_rows,
+    row,
+    rows,
+    scale_rows,
+    sub_rows,
+    transpose_rows,
+)
 from solver.compiled.vec import add, cross, m_cross, madd, minus, mv, outer, put33, scale, skew, sub, tmv, transpose
 from solver.elements.coordinate import add_dyad, scale6
 
@@ -32,8 +44,8 @@ class Pair(NamedTuple):
 def pair_of(K, e, i, j, k_own, k_other, ss):
     """The Pair of wheel i by wheel j (0, 1): -K between both.
 
-    k_own: K times the slopes over the own travel, its rows of the other wheel j; k_other: over the other's travel, rows of the own wheel i;
-    ss: between both travels.
+    k_own: K times the slopes over the own travel, its rows of the other wheel j; k_other: over the other's travel, rows
+    of the own wheel i; ss: between both travels.
     """
     o, c = 4 * i, 4 * j
     zero = 0.0 * ss
@@ -55,16 +67,19 @@ def pair_of(K, e, i, j, k_own, k_other, ss):
 @kernel(inline=True)
 def _other_way(x):
     """The Pair of the other wheel by this one."""
-    return Pair(transpose(x.A), x.of_psi, x.of_gamma, x.psi, x.gamma, x.psi_psi, x.gamma_psi, x.psi_gamma, x.gamma_gamma)
+    return Pair(
+        transpose(x.A), x.of_psi, x.of_gamma, x.psi, x.gamma, x.psi_psi, x.gamma_psi, x.psi_gamma, x.gamma_gamma
+    )
 
 
 @kernel(inner=True)
 def add_motions(R_c, left, right, ll, lr, rr, lag, damping, slot, e, Kq, Kv):
-    """Add to Kq what the wrenches at both wheels and their reaction change by the motions of wheels and chassis, to Kv lag times that and
-    the damping (left, between both, right) of the travels. ll, lr, rr: Pairs.
+    """Add to Kq what the wrenches at both wheels and their reaction change by the motions of wheels and chassis, to Kv
+    lag times that and the damping (left, between both, right) of the travels. ll, lr, rr: Pairs.
 
-    A variation of the chassis is dD = -dp + [D] dtheta, dTheta = -dtheta of both wheels. The moment at a wheel is psi p + gamma g, so what
-    has to do with turning is a sum of two dyads; its columns are along the axes of the body that turns.
+    A variation of the chassis is dD = -dp + [D] dtheta, dTheta = -dtheta of both wheels. The moment at a wheel is psi p
+    + gamma g, so what has to do with turning is a sum of two dyads; its columns are along the axes of the body that
+    turns.
     """
     back = rows(transpose(R_c))
     turn_l, turn_r = (tmv(left.R, left.p), tmv(left.R, left.g)), (tmv(right.R, right.p), tmv(right.R, right.g))
@@ -107,8 +122,8 @@ def _dyads(a, x, b, y):
 
 @kernel(inline=True)
 def _between(R_c, back, pair, own, other):
-    """The blocks (A, B, C, E) of a Pair: force in W, moment in the own wheel, by the place in W and the turning of the other wheel. own,
-    other: d psi and d gamma / d rotation along the axes of the wheels."""
+    """The blocks (A, B, C, E) of a Pair: force in W, moment in the own wheel, by the place in W and the turning of the
+    other wheel. own, other: d psi and d gamma / d rotation along the axes of the wheels."""
     psi = _plus(pair.psi_psi, other[0], pair.psi_gamma, other[1])
     gamma = _plus(pair.gamma_psi, other[0], pair.gamma_gamma, other[1])
     return (
@@ -125,7 +140,9 @@ def _by_turning(same, across, own, other):
     turned = add_rows(_dyads(same.psi, own.p, same.gamma, own.g), _dyads(across.psi, other.p, across.gamma, other.g))
     psi = sub(
         add(cross(same.of_psi, own.D), cross(across.of_psi, other.D)),
-        add(_plus(same.psi_psi, own.p, same.psi_gamma, own.g), _plus(across.psi_psi, other.p, across.psi_gamma, other.g)),
+        add(
+            _plus(same.psi_psi, own.p, same.psi_gamma, own.g), _plus(across.psi_psi, other.p, across.psi_gamma, other.g)
+        ),
     )
     gamma = sub(
         add(cross(same.of_gamma, own.D), cross(across.of_gamma, other.D)),
@@ -145,7 +162,8 @@ def _plus(a, x, b, y):
 
 @kernel(inline=True)
 def _add_symmetric(blocks, s, mirrored, lag, Kq, Kv):
-    """Add the matrix of A, B, C, E to block s of Kq, lag times it to Kv; transposed to block mirrored, where that is another one."""
+    """Add the matrix of A, B, C, E to block s of Kq, lag times it to Kv; transposed to block mirrored, where that is
+    another one."""
     A, B, C, E = blocks
     add_block(Kq, s, 0, A, B)
     add_block(Kq, s, 3, C, E)
@@ -187,7 +205,8 @@ def _add_travels(R_c, left, right, k, slot, e, K):
 
 @kernel(inline=True)
 def add_turning(R_c, wheel, turning, s_w, s_wc, s_cw, s_c, K):
-    """Add to K what the wrench at a wheel changes because the axes turn that it is given along (`turning` of turning_axes).
+    """Add to K what the wrench at a wheel changes because the axes turn that it is given along (`turning` of
+    turning_axes).
 
     s_w, s_wc, s_cw, s_c: blocks of wheel, wheel by chassis, chassis by wheel, chassis.
     """
@@ -245,14 +264,16 @@ def last4(a):
 @kernel(inline=True)
 def own_curvature(held, m, torque, first, k):
     """The second derivative k (see _quantity) of a wheel's map, seen by what it carries over."""
-    forces = (held[first] * m[0][k] + held[first + 1] * m[1][k]) + (held[first + 2] * m[2][k] + held[first + 3] * m[3][k])
+    forces = (held[first] * m[0][k] + held[first + 1] * m[1][k]) + (
+        held[first + 2] * m[2][k] + held[first + 3] * m[3][k]
+    )
     return forces + torque * m[4][k]
 
 
 @kernel(inner=True)
 def add_steering(g, tt, g_i, g_j, slot, e, factor, K):
-    """Add factor times what wrenches change by the steering, g on chassis, left and right per unit of its rotation with gradients g_i, g_j,
-    and what it feels of the motions of the wheels; tt, as it is: what it feels of itself.
+    """Add factor times what wrenches change by the steering, g on chassis, left and right per unit of its rotation with
+    gradients g_i, g_j, and what it feels of the motions of the wheels; tt, as it is: what it feels of itself.
     """
     turns = (scale(factor, g_i[1]), scale(factor, g_j[1]))
     for b in range(2):

@@ -5,7 +5,8 @@ from __future__ import annotations
 from solver.compiled.kernel import kernel
 from solver.elements.laws import evaluate_law
 
-YIELDING = 1e-4  # N: from a change of the force of a damper on its mount as small as this on, Newton leaves rounding alone
+# N: from a change of the force of a damper on its mount as small as this on, Newton leaves rounding alone
+YIELDING = 1e-4
 
 
 @kernel(inner=True)
@@ -29,7 +30,8 @@ def cubic(a, s):
 
 @kernel(inner=True)
 def _yielding(laws, k, rate, zp, cz, law):
-    """(w, force, its slope over the rate, rate of the damper) on a mount k: w = zp + cz (rate - law(k w)), by Newton's iteration."""
+    """(w, force, its slope over the rate, rate of the damper) on a mount k: w = zp + cz (rate - law(k w)), by Newton's
+    iteration."""
     w = zp + 0.0 * rate
     x, slope, _ = evaluate_law(laws, law, k * w)
     if cz > 0.0:
@@ -45,8 +47,8 @@ def _yielding(laws, k, rate, zp, cz, law):
 
 @kernel(inner=True)
 def damper_on_travel(table, laws, side, s, rate, other_rate, zp, cz):
-    """(force on the travel, on that of the other wheel, its own by s, rise of the force over the rate of length, slope of the length over
-    the travel, dissipation, energy, internal state)."""
+    """(force on the travel, on that of the other wheel, its own by s, rise of the force over the rate of length, slope
+    of the length over the travel, dissipation, energy, internal state)."""
     c, crossing = table.ratio[side], table.crossing[side]
     ratio = c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * c[4])))
     slope = c[1] + s * (2.0 * c[2] + s * (3.0 * c[3] + s * 4.0 * c[4]))

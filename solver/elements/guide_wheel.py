@@ -1,4 +1,5 @@
-"""Both wheels of a guide: where they are and move, what acts on them, and vectors over (x, y, psi, gamma) of left and right."""
+"""Both wheels of a guide: where they are and move, what acts on them, and vectors over (x, y, psi, gamma) of left and
+right."""
 
 from __future__ import annotations
 
@@ -40,18 +41,22 @@ def wheel_of(table, kin, e, k):
     p = (-q * a[0], -q * a[1], 1.0 + 0.0 * q)
     g = (a[1], -a[0], 0.0 * q)
     psi = arctan(-a[0] / a[1])
-    return GuidedWheel(R, D, a, V, turn, (d[0], d[1], d[2], psi, a[2]), (V[0], V[1], V[2], dot(p, turn), dot(g, turn)), p, g)
+    return GuidedWheel(
+        R, D, a, V, turn, (d[0], d[1], d[2], psi, a[2]), (V[0], V[1], V[2], dot(p, turn), dot(g, turn)), p, g
+    )
 
 
 @kernel(inline=True)
 def wrench(wheel, x, y, s, psi, gamma, about):
-    """(force, moment) at a wheel centre along the axes of the chassis, of generalized forces and a moment about the spin axis."""
+    """(force, moment) at a wheel centre along the axes of the chassis, of generalized forces and a moment about the
+    spin axis."""
     return (x, y, s), add(scale(about, wheel.a), add(scale(psi, wheel.p), scale(gamma, wheel.g)))
 
 
 @kernel(inline=True)
 def gradients(R_c, left, right, on_l, on_r, sigma, g_i, g_j):
-    """The gradients on (chassis, left, right, steering i and j), as solver.elements.coordinate has them, of wrenches on both wheels."""
+    """The gradients on (chassis, left, right, steering i and j), as solver.elements.coordinate has them, of wrenches on
+    both wheels."""
     F = add(on_l[0], on_r[0])
     m = add(add(cross(left.D, on_l[0]), on_l[1]), add(cross(right.D, on_r[0]), on_r[1]))
     return (
@@ -83,7 +88,9 @@ def over_travels(left, right):
 
 @kernel(inline=True)
 def dot8(a, b):
-    return ((a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])) + ((a[4] * b[4] + a[5] * b[5]) + (a[6] * b[6] + a[7] * b[7]))
+    return ((a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])) + (
+        (a[4] * b[4] + a[5] * b[5]) + (a[6] * b[6] + a[7] * b[7])
+    )
 
 
 @kernel(inline=True)

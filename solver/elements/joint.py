@@ -47,9 +47,9 @@ DX, DY, DZ = 0, 1, 2  # component of p_FG along x, y, z of F
 AXES = 3  # AXES + 3 a + b: F_a . G_b, the dot product of axis a of F and axis b of G
 TWIST = 12  # F_x . G_y - F_y . G_x
 DISTANCE = 13  # |p_FG| - length
-# Components of p_FG along the axes of W, for joints that close all three: the same constraint as DX, DY, DZ, but linear in the
-# positions and without a dependence on the rotation of i, which cuts the energy error of the midpoint rule tenfold (measured
-# on the slider-crank, docs/decisions/0002).
+# Components of p_FG along the axes of W, for joints that close all three: the same constraint as DX, DY, DZ, but linear
+# in the positions and without a dependence on the rotation of i, which cuts the energy error of the midpoint rule
+# tenfold (measured on the slider-crank, docs/decisions/0002).
 PX, PY, PZ = 14, 15, 16
 _XY, _XZ, _YZ, _ZZ = AXES + 1, AXES + 2, AXES + 5, AXES + 8
 
@@ -170,7 +170,8 @@ def _put_rows(J, entry, row, direction, on_i, on_j):
 
 @kernel(inline=True)
 def _put_closed(J, entry, on_i, on_j):
-    """Assign the rows of a closed point: p_j - p_i and its derivatives on_i and -on_j with respect to the turns, row by row in W."""
+    """Assign the rows of a closed point: p_j - p_i and its derivatives on_i and -on_j with respect to the turns, row by
+    row in W."""
     for c in range(3):
         for k in range(3):
             J[entry[0], c, k] = -1.0 if k == c else 0.0
@@ -230,7 +231,8 @@ def _evaluate_rows(table, kin, e, first_row, gradients, phi, J):
 
 @kernel(borrow=True)
 def evaluate_joints(table, kin, gradients, phi, J):
-    """Assign residuals phi (nc,) and, when `gradients`, blocks J (entries + 1, 6, 6): row of the joint x (force in W, torque in B)."""
+    """Assign residuals phi (nc,) and, when `gradients`, blocks J (entries + 1, 6, 6): row of the joint x (force in W,
+    torque in B)."""
     J = sixes(J)
     for e in range(table.rows.shape[0]):
         closed = 0
@@ -345,10 +347,18 @@ def add_joint_hessians(table, kin, lam, Kq, Kv):
             first = table.row[e]
             P = (lam[first], lam[first + 1], lam[first + 2])
             put33(Kq, table.slot[e, 3], 3, 3, cross_cross(load3(table.r_j, e), tmv(load33(kin.R, table.body[e, 1]), P)))
-            put33(Kq, table.slot[e, 0], 3, 3, minus(cross_cross(load3(table.r_i, e), tmv(load33(kin.R, table.body[e, 0]), P))))
+            put33(
+                Kq,
+                table.slot[e, 0],
+                3,
+                3,
+                minus(cross_cross(load3(table.r_i, e), tmv(load33(kin.R, table.body[e, 0]), P))),
+            )
             closed = 3
         if closed < table.rows[e]:
             _add_rows_hessian(table, kin, e, closed, lam, Kq, Kv)
 
 
-JOINTS = ConstraintKind(name='joints', spec=JointSpec, compile=compile_joints, residuals=evaluate_joints, hessians=add_joint_hessians)
+JOINTS = ConstraintKind(
+    name='joints', spec=JointSpec, compile=compile_joints, residuals=evaluate_joints, hessians=add_joint_hessians
+)

@@ -85,7 +85,8 @@ class ForceKind:
         _require_arguments(where, self.kernel, FORCE)
         if tuple(self.outputs)[:2] != FIRST_OUTPUTS:
             raise TypeError(
-                f'{where}: the first two outputs must be {" and ".join(FIRST_OUTPUTS)}, not {", ".join(list(self.outputs)[:2])}'
+                f'{where}: the first two outputs must be {" and ".join(FIRST_OUTPUTS)}, not '
+                f'{", ".join(list(self.outputs)[:2])}'
             )
         for name in self.efforts:
             if name not in self.outputs:

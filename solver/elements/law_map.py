@@ -1,4 +1,5 @@
-"""Maps: a law over one quantity at each of several values of another one, linear between these and constant beyond them."""
+"""Maps: a law over one quantity at each of several values of another one, linear between these and constant beyond
+them."""
 
 from __future__ import annotations
 
@@ -8,7 +9,8 @@ from solver.elements.laws import evaluate_law
 
 @kernel(inner=True)
 def evaluate_map(laws, start, at, law, e, x, v):
-    """(y, its slope over x, its slope over v) of map e, whose laws over x are law[start[e]:start[e + 1]] at the values `at` of v."""
+    """(y, its slope over x, its slope over v) of map e, whose laws over x are law[start[e]:start[e + 1]] at the values
+    `at` of v."""
     a = start[e]
     last = start[e + 1] - 1
     while a < last and v.real >= at[a + 1]:

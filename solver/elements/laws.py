@@ -1,7 +1,7 @@
 """Scalar laws y(x): linear or tabulated, once continuously differentiable, with slope and integral.
 
-Tables are interpolated by a monotone cubic and continued linearly with the end slopes, so a law has no overshoot between its
-points and no kink for the Newton iteration to trip over.
+Tables are interpolated by a monotone cubic and continued linearly with the end slopes, so a law has no overshoot
+between its points and no kink for the Newton iteration to trip over.
 """
 
 from __future__ import annotations
@@ -42,13 +42,16 @@ class Law:
         x = tuple(finite(where, f'{field}[{k}][0]', p[0]) for k, p in enumerate(points))
         y = tuple(finite(where, f'{field}[{k}][1]', p[1]) for k, p in enumerate(points))
         for k in range(1, len(x)):
-            require(x[k] > x[k - 1], where, f'{field}[{k}][0]', x[k], f'must be greater than the x before it ({x[k - 1]:g})')
+            require(
+                x[k] > x[k - 1], where, f'{field}[{k}][0]', x[k], f'must be greater than the x before it ({x[k - 1]:g})'
+            )
         return Law(x, y, tuple(monotone_slopes(np.array(x), np.array(y)).tolist()))
 
 
 def monotone_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Slopes of the monotone cubic through (x, y): inside the harmonic mean of [Fritsch1984], weighted by the intervals; at
-    an end that of the parabola through three points, limited so that the curve stays monotone (Moler, Numerical Computing, 3.6).
+    """Slopes of the monotone cubic through (x, y): inside the harmonic mean of [Fritsch1984], weighted by the
+    intervals; at an end that of the parabola through three points, limited so that the curve stays monotone (Moler,
+    Numerical Computing, 3.6).
     """
     h = np.diff(x)
     m = np.diff(y) / h
@@ -70,7 +73,14 @@ def _end_slope(h0: float, h1: float, m0: float, m1: float) -> float:
 
 def geared(law: Law, factor: float) -> Law:
     """factor law(factor x): a law as the coordinate x feels it whose own goes by `factor` (not 0) per unit of x."""
-    knots = sorted(zip((x / factor for x in law.x), (factor * y for y in law.y), (factor * factor * s for s in law.slope), strict=True))
+    knots = sorted(
+        zip(
+            (x / factor for x in law.x),
+            (factor * y for y in law.y),
+            (factor * factor * s for s in law.slope),
+            strict=True,
+        )
+    )
     x, y, slope = zip(*knots, strict=True)
     return Law(x, y, slope)
 

@@ -1,11 +1,11 @@
 """The Magic Formula 5.2 and 6.1 for combined slip: a pure law from slip, camber and load to forces and moments.
 
-Equation numbers are those of [P] = [Pacejka2012], section 4.3.2 and appendix 3, and [B] = [Besselink2010] (docs/references.md). MF 5.2
-is the 2002 edition of [P] and the MF-Tyre 5.2 manual.
+Equation numbers are those of [P] = [Pacejka2012], section 4.3.2 and appendix 3, and [B] = [Besselink2010]
+(docs/references.md). MF 5.2 is the 2002 edition of [P] and the MF-Tyre 5.2 manual.
 
-Axes are those of the .tir files (ISO-W): kappa = -Vsx/|Vx|, tan(alpha) = +Vsy/|Vx|, so a tire has a negative PKY1; gamma about +x.
-The element (tire_pacejka.py) converts to the signs of docs/conventions.md. Turn slip (the factors zeta) is in turn_slip.py and acts
-where the row of coefficients says so.
+Axes are those of the .tir files (ISO-W): kappa = -Vsx/|Vx|, tan(alpha) = +Vsy/|Vx|, so a tire has a negative PKY1;
+gamma about +x. The element (tire_pacejka.py) converts to the signs of docs/conventions.md. Turn slip (the factors zeta)
+is in turn_slip.py and acts where the row of coefficients says so.
 
 Everything runs on float64, complex128 and Dual.
 """
@@ -16,7 +16,16 @@ import numpy as np
 
 from solver.compiled.dual import arctan, cos, exp, log, sin, sqrt
 from solver.compiled.kernel import NO, kernel
-from solver.elements.smooth import SMOOTH_CAMBER, at_most_one, cos_arctan, curve, held, ramp, sin_twice_arctan, smooth_abs
+from solver.elements.smooth import (
+    SMOOTH_CAMBER,
+    at_most_one,
+    cos_arctan,
+    curve,
+    held,
+    ramp,
+    sin_twice_arctan,
+    smooth_abs,
+)
 from solver.elements.tire_data import I
 from solver.elements.turn_slip import (
     peak_factor_x,
@@ -35,7 +44,8 @@ TWO_OVER_PI = 2.0 / np.pi
 
 @kernel(inline=True, inner=False)
 def camber_variable(c, sin_gamma, cos_gamma):
-    """sin gamma (6.1, 4.E4) or gamma (5.2), held smoothly inside the range of the fit: beyond it the polynomials are meaningless."""
+    """sin gamma (6.1, 4.E4) or gamma (5.2), held smoothly inside the range of the fit: beyond it the polynomials are
+    meaningless."""
     m = c[I.GAMMA_MAX]
     gamma = 1.0 * sin_gamma if c[I.IS_61] > 0.0 else arctan(sin_gamma / cos_gamma)
     return held(gamma, m)
@@ -57,7 +67,12 @@ def slip_stiffness(c, gamma, Fz, dfz):
     dpi = c[I.DPI]
     F0 = c[I.FNOMIN] * c[I.LFZO]
     g = gamma * c[I.LGAY]
-    Kxk = Fz * (c[I.PKX1] + c[I.PKX2] * dfz) * exp(c[I.PKX3] * dfz) * (c[I.LKX] * (1.0 + c[I.PPX1] * dpi + c[I.PPX2] * dpi * dpi))
+    Kxk = (
+        Fz
+        * (c[I.PKX1] + c[I.PKX2] * dfz)
+        * exp(c[I.PKX3] * dfz)
+        * (c[I.LKX] * (1.0 + c[I.PPX1] * dpi + c[I.PPX2] * dpi * dpi))
+    )
     peak = (c[I.PKY2] + c[I.PKY5] * g * g) * (F0 * (1.0 + c[I.PPY2] * dpi))
     crest = sin_twice_arctan(Fz / peak) if c[I.PKY4] == 2.0 else sin(c[I.PKY4] * arctan(Fz / peak))
     Kya = (1.0 - c[I.PKY3] * smooth_abs(g, SMOOTH_CAMBER)) * crest
@@ -72,19 +87,28 @@ def _camber_stiffness(c, Fz, dfz):
 
 @kernel(inline=True, inner=False)
 def relaxation_lengths(c, gamma, Fz, dfz, Kxk, Kya):
-    """(sigma_kappa, sigma_alpha) [m]: slip stiffness over carcass stiffness ([B] 17-19), or the PTX, PTY formulas of MF 5.2."""
+    """(sigma_kappa, sigma_alpha) [m]: slip stiffness over carcass stiffness ([B] 17-19), or the PTX, PTY formulas of MF
+    5.2."""
     dpi = c[I.DPI]
     R0 = c[I.UNLOADED_RADIUS]
     F0 = c[I.FNOMIN]
     if c[I.LONGITUDINAL_STIFFNESS] > 0.0 and c[I.IS_61] > 0.0:
-        sigma_x = Kxk / ((1.0 + c[I.PCFX1] * dfz + c[I.PCFX2] * dfz * dfz) * (c[I.LONGITUDINAL_STIFFNESS] * (1.0 + c[I.PCFX3] * dpi)))
+        sigma_x = Kxk / (
+            (1.0 + c[I.PCFX1] * dfz + c[I.PCFX2] * dfz * dfz) * (c[I.LONGITUDINAL_STIFFNESS] * (1.0 + c[I.PCFX3] * dpi))
+        )
     else:
         sigma_x = Fz * (c[I.PTX1] + c[I.PTX2] * dfz) * exp(-c[I.PTX3] * dfz) * (R0 / F0 * c[I.LSGKP])
     if c[I.LATERAL_STIFFNESS] > 0.0 and c[I.IS_61] > 0.0:
-        sigma_y = -Kya / ((1.0 + c[I.PCFY1] * dfz + c[I.PCFY2] * dfz * dfz) * (c[I.LATERAL_STIFFNESS] * (1.0 + c[I.PCFY3] * dpi)))
+        sigma_y = -Kya / (
+            (1.0 + c[I.PCFY1] * dfz + c[I.PCFY2] * dfz * dfz) * (c[I.LATERAL_STIFFNESS] * (1.0 + c[I.PCFY3] * dpi))
+        )
     else:
         crest = sin_twice_arctan(Fz / (c[I.PTY2] * F0 * c[I.LFZO]))
-        sigma_y = crest * (1.0 - c[I.PKY3] * smooth_abs(gamma * c[I.LGAY], SMOOTH_CAMBER)) * (c[I.PTY1] * R0 * c[I.LFZO] * c[I.LSGAL])
+        sigma_y = (
+            crest
+            * (1.0 - c[I.PKY3] * smooth_abs(gamma * c[I.LGAY], SMOOTH_CAMBER))
+            * (c[I.PTY1] * R0 * c[I.LFZO] * c[I.LSGAL])
+        )
     return sigma_x, sigma_y
 
 
@@ -95,10 +119,17 @@ def _longitudinal(c, kappa, a, gamma, Fz, dfz, mu, Kxk, spin):
     g = gamma * c[I.LGAX]
     scale = c[I.LMUX] * mu
     shift_scale = c[I.A_MU] * scale / (1.0 + (c[I.A_MU] - 1.0) * scale)  # (4.E8)
-    mux = (c[I.PDX1] + c[I.PDX2] * dfz) * (1.0 - c[I.PDX3] * g * g) * (1.0 + c[I.PPX3] * dpi + c[I.PPX4] * dpi * dpi) * scale  # (4.E13)
+    # (4.E13)
+    mux = (
+        (c[I.PDX1] + c[I.PDX2] * dfz)
+        * (1.0 - c[I.PDX3] * g * g)
+        * (1.0 + c[I.PPX3] * dpi + c[I.PPX4] * dpi * dpi)
+        * scale
+    )
     k = kappa + (c[I.PHX1] + c[I.PHX2] * dfz) * c[I.LHX]  # (4.E10), (4.E17)
     side = 1.0 if k.real >= 0.0 else -1.0
-    E = at_most_one((c[I.PEX1] + dfz * (c[I.PEX2] + dfz * c[I.PEX3])) * ((1.0 - c[I.PEX4] * side) * c[I.LEX]))  # (4.E14)
+    # (4.E14)
+    E = at_most_one((c[I.PEX1] + dfz * (c[I.PEX2] + dfz * c[I.PEX3])) * ((1.0 - c[I.PEX4] * side) * c[I.LEX]))
     C = c[I.PCX1] * c[I.LCX]
     D = mux * Fz
     SV = Fz * (c[I.PVX1] + c[I.PVX2] * dfz) * shift_scale * c[I.LVX]  # (4.E18)
@@ -121,12 +152,19 @@ def _longitudinal(c, kappa, a, gamma, Fz, dfz, mu, Kxk, spin):
 
 @kernel(inline=True)
 def _lateral(c, a, gamma, Fz, dfz, mu, Kya, turning, zeta, shift):
-    """(Fy0, Dy, By Cy, SHy + SVy/Kya) at pure side slip. turning: whether turn slip acts, with zeta_2 and the shift S_Hy phi."""
+    """(Fy0, Dy, By Cy, SHy + SVy/Kya) at pure side slip. turning: whether turn slip acts, with zeta_2 and the shift
+    S_Hy phi."""
     dpi = c[I.DPI]
     g = gamma * c[I.LGAY]
     scale = c[I.LMUY] * mu
     shift_scale = c[I.A_MU] * scale / (1.0 + (c[I.A_MU] - 1.0) * scale)
-    muy = (c[I.PDY1] + c[I.PDY2] * dfz) * (1.0 - c[I.PDY3] * g * g) * (1.0 + c[I.PPY3] * dpi + c[I.PPY4] * dpi * dpi) * scale  # (4.E23)
+    # (4.E23)
+    muy = (
+        (c[I.PDY1] + c[I.PDY2] * dfz)
+        * (1.0 - c[I.PDY3] * g * g)
+        * (1.0 + c[I.PPY3] * dpi + c[I.PPY4] * dpi * dpi)
+        * scale
+    )
     D = muy * Fz
     SVg = Fz * (c[I.PVY3] + c[I.PVY4] * dfz) * g * shift_scale * c[I.LKYC]  # (4.E28)
     SV = Fz * (c[I.PVY1] + c[I.PVY2] * dfz) * shift_scale * c[I.LVY] + SVg  # (4.E29)
@@ -139,7 +177,8 @@ def _lateral(c, a, gamma, Fz, dfz, mu, Kya, turning, zeta, shift):
         SH = SH + (_camber_stiffness(c, Fz, dfz) * g - SVg) / Kya
     x = a + SH
     side = 1.0 if x.real >= 0.0 else -1.0
-    E = (c[I.PEY1] + c[I.PEY2] * dfz) * (1.0 + c[I.PEY5] * g * g - (c[I.PEY3] + c[I.PEY4] * g) * side) * c[I.LEY]  # (4.E24)
+    # (4.E24)
+    E = (c[I.PEY1] + c[I.PEY2] * dfz) * (1.0 + c[I.PEY5] * g * g - (c[I.PEY3] + c[I.PEY4] * g) * side) * c[I.LEY]
     C = c[I.PCY1] * c[I.LCY]
     BC = Kya / D
     return D * sin(curve(BC / C * x, C, at_most_one(E))) + SV, D, BC, SH + SV / Kya
@@ -181,7 +220,8 @@ def _equivalent(c, slip, q):
 
 @kernel(inline=True)
 def _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Kya, BC, shift, cos_alpha, spin, twist, zeta_2, D_side, Gyk):
-    """(trail t for forward rolling, part of Mzr that turns with the sign of rolling, part that does not) at combined slip.
+    """(trail t for forward rolling, part of Mzr that turns with the sign of rolling, part that does not) at combined
+    slip.
 
     With turn slip spin is R0 phi, twist R0 phi_t, D_side the peak side force without it.
     """
@@ -192,7 +232,8 @@ def _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Kya, BC, shift, cos_alpha, s
     size = smooth_abs(g, SMOOTH_CAMBER)
     at = a + (c[I.QHZ1] + c[I.QHZ2] * dfz + (c[I.QHZ3] + c[I.QHZ4] * dfz) * g)  # (4.E34)
     scale = c[I.LMUY] * mu
-    B = (c[I.QBZ1] + dfz * (c[I.QBZ2] + dfz * c[I.QBZ3])) * (1.0 + c[I.QBZ4] * g + c[I.QBZ5] * size) * c[I.LKY] / scale  # (4.E40)
+    # (4.E40)
+    B = (c[I.QBZ1] + dfz * (c[I.QBZ2] + dfz * c[I.QBZ3])) * (1.0 + c[I.QBZ4] * g + c[I.QBZ5] * size) * c[I.LKY] / scale
     C = c[I.QCZ1]
     if c[I.IS_61] > 0.0:
         camber = 1.0 + c[I.QDZ3] * size + c[I.QDZ4] * g * g  # (4.E43)
@@ -214,7 +255,11 @@ def _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Kya, BC, shift, cos_alpha, s
         Dr = Fz * (c[I.QDZ6] + c[I.QDZ7] * dfz) * zeta_2 * (scale * R0 * c[I.LRES]) * cos_alpha
         G = cos(Cr * arctan(residual_factor(c, spin) * Br * sqrt(ar * ar + q + 1e-16)))
         return t * trail_factor(c, spin), Dr * G, moment * G
-    camber = ((c[I.QDZ8] + c[I.QDZ9] * dfz) * (1.0 + c[I.PPZ2] * dpi) + (c[I.QDZ10] + c[I.QDZ11] * dfz) * size) * g * c[I.LKZC]
+    camber = (
+        ((c[I.QDZ8] + c[I.QDZ9] * dfz) * (1.0 + c[I.PPZ2] * dpi) + (c[I.QDZ10] + c[I.QDZ11] * dfz) * size)
+        * g
+        * c[I.LKZC]
+    )
     Dr = Fz * ((c[I.QDZ6] + c[I.QDZ7] * dfz) * c[I.LRES] + camber) * (scale * R0) * cos_alpha  # (4.E47)
     if c[I.IS_61] > 0.0:
         return t, Dr / sqrt(1.0 + Br * Br * (ar * ar + q)), 0.0 * Fz  # (4.E75), cos(arctan x) written out
@@ -224,7 +269,8 @@ def _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Kya, BC, shift, cos_alpha, s
 
 @kernel(inner=True)
 def patch_forces(c, kappa, tan_alpha, gamma, Fz, dfz, mu, Kxk, Kya, twist, forward):
-    """(Fx, Fy, Mx, A, B) in the axes of the .tir file [N, N m], with Mz = forward A + B. Arguments as in magic_formula."""
+    """(Fx, Fy, Mx, A, B) in the axes of the .tir file [N, N m], with Mz = forward A + B. Arguments as in
+    magic_formula."""
     R0 = c[I.UNLOADED_RADIUS]
     F0 = c[I.FNOMIN]
     Fn = _reference_load(c)
@@ -252,7 +298,9 @@ def patch_forces(c, kappa, tan_alpha, gamma, Fz, dfz, mu, Kxk, Kya, twist, forwa
     Fy = G * Fy0 + SV  # (4.E58)
 
     D_side = D / zeta_2 if turning else zero
-    t, Mzr, spin_part = _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Ky, BC, shift, cos_alpha, spin, twist, zeta_2, D_side, G)
+    t, Mzr, spin_part = _aligning(
+        c, kappa, a, gamma, Fz, dfz, mu, Kxk, Ky, BC, shift, cos_alpha, spin, twist, zeta_2, D_side, G
+    )
     if c[I.IS_61] > 0.0:  # (4.E74): the trail acts on the side force at zero camber and spin
         Fy0 = _lateral(c, a, 0.0 * gamma, Fz, dfz, mu, Ky0, NO, zero, zero)[0]
     s = R0 * (c[I.SSZ1] + c[I.SSZ2] * Fy / Fn + (c[I.SSZ3] + c[I.SSZ4] * dfz) * gamma) * c[I.LS]  # (4.E76)
@@ -270,7 +318,8 @@ def patch_forces(c, kappa, tan_alpha, gamma, Fz, dfz, mu, Kxk, Kya, twist, forwa
         Mx = Mx + c[I.QSX10] * arctan(c[I.QSX11] * q) * gamma
     size = smooth_abs(gamma, SMOOTH_CAMBER)
     Mx = (Fz * (Mx - c[I.QSX12] * gamma * size) + Fy * (c[I.QSX13] + c[I.QSX14] * size)) * (R0 * c[I.LMX])
-    # neither resultant leaves the contact patch: the polynomials, squares of the forces, would take it a metre away in a hard landing
+    # neither resultant leaves the contact patch: the polynomials, squares of the forces, would take it a metre away in
+    # a hard landing
     Mx = Fz * held(Mx / Fz, c[I.HALF_WIDTH])
     return Fx, Fy, Mx, turns, stays
 
@@ -293,9 +342,9 @@ def magic_formula(c, kappa, tan_alpha, gamma, Fz, dfz, mu, Vx, Kxk, Kya, forward
     """Forces and moments on the wheel in the axes of the .tir file: (Fx, Fy, Mx, My, Mz) [N, N m].
 
     c: row of coefficients. kappa, tan_alpha: slip [-]. gamma: from camber_variable. Fz: load > 0 [N]. dfz, Kxk, Kya:
-    from load_increment and slip_stiffness. mu: friction factor of the road [-]. Vx: forward speed [m/s]. forward, rolling:
-    smooth signs of Vx and of the wheel spin; the former turns the trail, the latter the rolling resistance. twist: R0 times yaw
-    rate over speed, positive to the left [-], read where turn slip acts.
+    from load_increment and slip_stiffness. mu: friction factor of the road [-]. Vx: forward speed [m/s]. forward,
+    rolling: smooth signs of Vx and of the wheel spin; the former turns the trail, the latter the rolling resistance.
+    twist: R0 times yaw rate over speed, positive to the left [-], read where turn slip acts.
     """
     Fx, Fy, Mx, turns, stays = patch_forces(c, kappa, tan_alpha, gamma, Fz, dfz, mu, Kxk, Kya, twist, forward)
     return Fx, Fy, Mx, rolling_resistance(c, Fx, Fz, gamma, Vx, rolling), forward * turns + stays

@@ -21,7 +21,8 @@ IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 class Spec:
     """A named part of a model. Subclasses validate themselves in __post_init__.
 
-    counted_as: the count in which the description of a model has it; the 'force_elements' are the action-reaction elements.
+    counted_as: the count in which the description of a model has it; the 'force_elements' are the action-reaction
+    elements.
     """
 
     name: str
@@ -58,7 +59,8 @@ class ConstraintSpec(Spec):
 class Marker:
     """A frame fixed in a body.
 
-    body: body name or 'world'. position: [m] in the body's reference frame. orientation: unit quaternion xyzw R_B_marker.
+    body: body name or 'world'. position: [m] in the body's reference frame. orientation: unit quaternion xyzw
+    R_B_marker.
     """
 
     body: str
@@ -72,7 +74,8 @@ class Marker:
 
 
 class PlacedMarker(NamedTuple):
-    """A compiled marker: body index (nb for the world), position from the centre of mass [m] in B, rotation R_BM (3, 3)."""
+    """A compiled marker: body index (nb for the world), position from the centre of mass [m] in B, rotation R_BM (3,
+    3)."""
 
     body: int
     r: np.ndarray
@@ -107,14 +110,15 @@ class Context(Protocol):
         """Value of a joint coordinate in the placed configuration [m or rad]."""
 
     def rows(self, spec: ConstraintSpec, bodies: Sequence[int]) -> tuple[int, list[int]]:
-        """Number the rows of a constraint between bodies: (first row, Jacobian block of each body; the trash block of the world)."""
+        """Number the rows of a constraint between bodies: (first row, Jacobian block of each body; the trash block of
+        the world)."""
 
     def law(self, law: Law | None) -> int:
         """Index of a force law in the law table (-1 for None)."""
 
     def internal_states(self, where: str, count: int, size: float = 1.0) -> int:
-        """Reserve `count` internal states, return the index of the first. size: what their errors count relative to where steps follow the
-        local error: 1 for deflections [m or rad], for a force what it may be at most."""
+        """Reserve `count` internal states, return the index of the first. size: what their errors count relative to
+        where steps follow the local error: 1 for deflections [m or rad], for a force what it may be at most."""
 
 
 class Between(Protocol):
@@ -129,7 +133,8 @@ class Between(Protocol):
 
 
 class MarkerPairs(NamedTuple):
-    """Columns that all elements between marker F on body i and marker G on body j have; their tables take what they need."""
+    """Columns that all elements between marker F on body i and marker G on body j have; their tables take what they
+    need."""
 
     body: np.ndarray  # (n, 2)
     r_i: np.ndarray  # (n, 3) origin of F from the centre of mass of i, in B_i [m]

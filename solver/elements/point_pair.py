@@ -1,4 +1,5 @@
-"""A force between a point P of body i and a point Q of body j, and its tangents: shared by all point-to-point elements."""
+"""A force between a point P of body i and a point Q of body j, and its tangents: shared by all point-to-point
+elements."""
 
 from __future__ import annotations
 
@@ -8,7 +9,21 @@ import numpy as np
 
 from solver.compiled.kernel import kernel
 from solver.compiled.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
-from solver.compiled.vec import add3, cross, cross_cross, load3, load33, m_cross, madd, mscale, outer, scale, sub, tmv, transpose
+from solver.compiled.vec import (
+    add3,
+    cross,
+    cross_cross,
+    load3,
+    load33,
+    m_cross,
+    madd,
+    mscale,
+    outer,
+    scale,
+    sub,
+    tmv,
+    transpose,
+)
 
 
 class Kinematics(NamedTuple):
@@ -98,10 +113,11 @@ def add_tension(kin, at, n, force, f):
 
 @kernel(inline=True)
 def _add_variations(R_i, R_j, r_i, r_j, D, on_j, on_i, turn_j, turn_i, s_ii, s_ij, s_ji, s_jj, K):
-    """Add the variations of a force on j and of its reaction on i, with their torques, to the blocks K; all matrices are rows.
+    """Add the variations of a force on j and of its reaction on i, with their torques, to the blocks K; all matrices
+    are rows.
 
-    D of the force with the translation of j (its opposite with that of i), on_j with the turn of j, on_i of the reaction with the turn
-    of i; turn_j and turn_i of the torques with the turns beyond that.
+    D of the force with the translation of j (its opposite with that of i), on_j with the turn of j, on_i of the
+    reaction with the turn of i; turn_j and turn_i of the torques with the turns beyond that.
     """
     back_i = transpose(R_i)
     back_j = transpose(R_j)
@@ -143,8 +159,8 @@ def add_point_pair_tangent(kin, i, j, r_i, r_j, F, D, C, s_ii, s_ij, s_ji, s_jj,
 
 @kernel(inline=True)
 def add_tension_tangent(kin, at, n, rate, F, stiffness, damping, across, twist, slot, e, Kq, Kv):
-    """Add the tangents of add_tension: of its stiffness and damping along n, and of its turn: across = force / length, twist = -damping /
-    length where there is a length.
+    """Add the tangents of add_tension: of its stiffness and damping along n, and of its turn: across = force / length,
+    twist = -damping / length where there is a length.
 
     F = -force n ; dn = (1 - n n^T) dd / length ; drate = n.dw + (w - rate n).dd / length
     """
@@ -152,4 +168,6 @@ def add_tension_tangent(kin, at, n, rate, F, stiffness, damping, across, twist, 
     D = madd(mscale(-(stiffness - across), nn), mscale(twist, outer(n, sub(at.v, scale(rate, n)))))
     D = (D[0] - across, D[1], D[2], D[3], D[4] - across, D[5], D[6], D[7], D[8] - across)
     C = mscale(-damping, nn)
-    add_point_pair_tangent(kin, at.i, at.j, at.r_i, at.r_j, F, D, C, slot[e, 0], slot[e, 1], slot[e, 2], slot[e, 3], Kq, Kv)
+    add_point_pair_tangent(
+        kin, at.i, at.j, at.r_i, at.r_j, F, D, C, slot[e, 0], slot[e, 1], slot[e, 2], slot[e, 3], Kq, Kv
+    )

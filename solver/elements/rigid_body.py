@@ -21,9 +21,9 @@ from solver.validate import Quaternion, Vector, finite, require, unit_quaternion
 class RigidBodySpec(Spec):
     """A rigid body.
 
-    mass [kg] >= 0; inertia (Ixx, Iyy, Izz, Ixy, Ixz, Iyz) [kg m^2] about the centre of mass along the reference axes (products
-    of inertia are the entries of the matrix: Ixy = -integral xy dm); com [m] in the reference frame; position and
-    orientation of the reference frame in W; velocity of its origin in W [m/s]; angular_velocity in B [rad/s].
+    mass [kg] >= 0; inertia (Ixx, Iyy, Izz, Ixy, Ixz, Iyz) [kg m^2] about the centre of mass along the reference axes
+    (products of inertia are the entries of the matrix: Ixy = -integral xy dm); com [m] in the reference frame; position
+    and orientation of the reference frame in W; velocity of its origin in W [m/s]; angular_velocity in B [rad/s].
     """
 
     mass: Mass
@@ -50,7 +50,8 @@ class RigidBodySpec(Spec):
             where,
             'inertia',
             self.inertia,
-            f'no body has these principal moments {[float(f"{m:.4g}") for m in moments]}: the largest exceeds the sum of the others',
+            f'no body has these principal moments {[float(f"{m:.4g}") for m in moments]}: the largest exceeds the sum '
+            'of the others',
         )
 
     def inertia_matrix(self) -> np.ndarray:
@@ -88,7 +89,12 @@ def body_forces(table, kin, tangents, f, Kv):
         w = angular_velocity(kin, b)
         J = load33(table.inertia, b)
         h = mv(J, w)
-        add3(f, b, 0, (table.mass[b] * table.gravity[0], table.mass[b] * table.gravity[1], table.mass[b] * table.gravity[2]))
+        add3(
+            f,
+            b,
+            0,
+            (table.mass[b] * table.gravity[0], table.mass[b] * table.gravity[1], table.mass[b] * table.gravity[2]),
+        )
         add3(f, b, 3, scale(-1.0, cross(w, h)))
         if tangents:
             put33(Kv, table.slot[b], 3, 3, msub(skew(h), cross_m(w, J)))

@@ -1,10 +1,12 @@
 """The road: a plane, height grids on it, friction patches and friction maps.
 
-height(x, y) = plane + sum of grids. A grid is interpolated by the uniform cubic B-spline through its nodes, so height, normal
-and curvature are continuous; beyond its border it continues with constant height. Friction is a factor on the peak friction of
-the tire: the product of the factors of all patches, each blended in smoothly over a strip of finite width, and of all maps.
+height(x, y) = plane + sum of grids. A grid is interpolated by the uniform cubic B-spline through its nodes, so height,
+normal and curvature are continuous; beyond its border it continues with constant height. Friction is a factor on the
+peak friction of the tire: the product of the factors of all patches, each blended in smoothly over a strip of finite
+width, and of all maps.
 
-`road_at` runs on float64, complex128 and Dual (solver.compiled.dual), so slope and curvature enter every tangent exactly.
+`road_at` runs on float64, complex128 and Dual (solver.compiled.dual), so slope and curvature enter every tangent
+exactly.
 
 The file is long because specification, table and kernels of one concept stand together (docs/contributing.md). What can
 stand alone has its own file: road_grids.py (kinds of grids), curved_grid.py (reference lines), enveloping.py (the road
@@ -56,7 +58,13 @@ class FrictionPatch:
         object.__setattr__(self, 'size', vector(where, 'size', self.size, 2))
         for name, low in (('factor', 1e-3), ('blend', 1e-6), ('yaw', -np.inf)):
             object.__setattr__(self, name, finite(where, name, getattr(self, name), low=low))
-        require(min(self.size) >= self.blend, where, 'size', self.size, f'both sides must be at least the blend width {self.blend:g}')
+        require(
+            min(self.size) >= self.blend,
+            where,
+            'size',
+            self.size,
+            f'both sides must be at least the blend width {self.blend:g}',
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +104,13 @@ class RoadSpec(Spec):
         curved = [grid for grid in self.grids if isinstance(grid, CurvedGrid)]
         others = [grid for grid in (*self.grids, *self.maps) if not isinstance(grid, CurvedGrid)]
         for nodes, most in ((sum(g.nodes for g in others), MOST_NODES), (sum(g.nodes for g in curved), MOST_CURVED)):
-            require(nodes <= most, self.where, 'grids', f'{nodes:.3g} heights', f'must have {most} at most, all of them together')
+            require(
+                nodes <= most,
+                self.where,
+                'grids',
+                f'{nodes:.3g} heights',
+                f'must have {most} at most, all of them together',
+            )
 
 
 class RoadTable(NamedTuple):
@@ -148,7 +162,11 @@ def interpolating(grid: Heights) -> Heights:
 def edge(grid: HeightGrid | RasterGrid | CurvedGrid) -> Edge:
     """Place where a grid bends upwards most, and its curvature there."""
     found = sharpest(grid.heights)
-    return found._replace(place=grid.place(*found.place)) if isinstance(grid, CurvedGrid) and grid.line is not None else found
+    return (
+        found._replace(place=grid.place(*found.place))
+        if isinstance(grid, CurvedGrid) and grid.line is not None
+        else found
+    )
 
 
 @functools.lru_cache(maxsize=16)
@@ -165,7 +183,10 @@ def envelops(spec: RoadSpec, tire: Footprint) -> tuple[bool, ...]:
     """
     if spec.contact != 'auto':
         return (spec.contact == 'enveloping',) * len(spec.grids)
-    return tuple(not isinstance(g, RandomRoad) and edge(g).curvature > 1.0 / tire.radius and not too_large(g, tire) for g in spec.grids)
+    return tuple(
+        not isinstance(g, RandomRoad) and edge(g).curvature > 1.0 / tire.radius and not too_large(g, tire)
+        for g in spec.grids
+    )
 
 
 def within(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -184,7 +205,9 @@ def nodes_at(grid: HeightGrid | RasterGrid | CurvedGrid, x: np.ndarray, y: np.nd
     border."""
     h = grid.heights
     found = np.zeros(len(x))
-    first, part = zip(*(_cell(c / step, n) for c, step, n in zip(_own(grid, x, y), h.step, h.height.shape, strict=True)), strict=True)
+    first, part = zip(
+        *(_cell(c / step, n) for c, step, n in zip(_own(grid, x, y), h.step, h.height.shape, strict=True)), strict=True
+    )
     for i, p in ((first[0], 1.0 - part[0]), (first[0] + 1, part[0])):
         for j, q in ((first[1], 1.0 - part[1]), (first[1] + 1, part[1])):
             found += p * q * h.height[i, j]
@@ -199,12 +222,21 @@ def _cell(c: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
     return first, c - first
 
 
-def _own(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _own(
+    grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad, x: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates (n,), (n,) [m] along and across a grid, from its node (0, 0) on, of places x, y (n,) [m] in W."""
     origin, yaw = (grid.origin, grid.yaw) if isinstance(grid, RandomRoad) else (grid.heights.origin, grid.heights.yaw)
     if isinstance(grid, CurvedGrid) and grid.line is not None:
         u, v = np.zeros(len(x)), np.zeros(len(x))
-        coordinates_at(Ref(compile_road(RoadSpec(grids=(grid,)))), 0, np.ascontiguousarray(x, float), np.ascontiguousarray(y, float), u, v)
+        coordinates_at(
+            Ref(compile_road(RoadSpec(grids=(grid,)))),
+            0,
+            np.ascontiguousarray(x, float),
+            np.ascontiguousarray(y, float),
+            u,
+            v,
+        )
         u, v = u - origin[0], v - origin[1]
     else:
         forward, aside = math.cos(yaw), math.sin(yaw)
@@ -239,7 +271,11 @@ def compile_road(spec: RoadSpec, tire: Footprint | None = None) -> RoadTable:
         plane=np.array([p[2] + (n[0] * p[0] + n[1] * p[1]) / n[2], -n[0] / n[2], -n[1] / n[2]]),
         friction=np.array([spec.friction]),
         patch=np.array(
-            [[*f.center, math.cos(f.yaw), math.sin(f.yaw), f.size[0] / 2, f.size[1] / 2, f.factor, f.blend] for f in spec.patches], float
+            [
+                [*f.center, math.cos(f.yaw), math.sin(f.yaw), f.size[0] / 2, f.size[1] / 2, f.factor, f.blend]
+                for f in spec.patches
+            ],
+            float,
         ).reshape(-1, 8),
         grid=np.array([[*g.origin, math.cos(g.yaw), math.sin(g.yaw), *g.step] for g in splines], float).reshape(-1, 6),
         shape=np.array([g.height.shape for g in splines], np.int64).reshape(-1, 2),
@@ -250,7 +286,9 @@ def compile_road(spec: RoadSpec, tire: Footprint | None = None) -> RoadTable:
         line_start=np.cumsum([0, *(len(c.spline) for c in curves)]).astype(np.int64),
         line_spline=np.concatenate([np.zeros((0, 4)), *(c.spline for c in curves)]),
         line_numbers=np.array([c.numbers for c in curves], float).reshape(-1, NUMBERS),
-        line_cells=np.array([[b, *c.cells.shape] for b, c in zip(begins[:-1], curves, strict=True)], np.int64).reshape(-1, 3),
+        line_cells=np.array([[b, *c.cells.shape] for b, c in zip(begins[:-1], curves, strict=True)], np.int64).reshape(
+            -1, 3
+        ),
         cells=np.concatenate([np.zeros(0, np.int64), *(c.cells.ravel() for c in curves)]),
         enveloping=np.array([float(any(enveloped))]),
     )
@@ -313,8 +351,18 @@ def _grid_at(road, g, x, y):
     u, du, ddu = weights(a - i)
     w, dw, ddw = weights(b - j)
     f = (_row4(road, g, i - 1, j, w), _row4(road, g, i, j, w), _row4(road, g, i + 1, j, w), _row4(road, g, i + 2, j, w))
-    f_b = (_row4(road, g, i - 1, j, dw), _row4(road, g, i, j, dw), _row4(road, g, i + 1, j, dw), _row4(road, g, i + 2, j, dw))
-    f_bb = (_row4(road, g, i - 1, j, ddw), _row4(road, g, i, j, ddw), _row4(road, g, i + 1, j, ddw), _row4(road, g, i + 2, j, ddw))
+    f_b = (
+        _row4(road, g, i - 1, j, dw),
+        _row4(road, g, i, j, dw),
+        _row4(road, g, i + 1, j, dw),
+        _row4(road, g, i + 2, j, dw),
+    )
+    f_bb = (
+        _row4(road, g, i - 1, j, ddw),
+        _row4(road, g, i, j, ddw),
+        _row4(road, g, i + 1, j, ddw),
+        _row4(road, g, i + 2, j, ddw),
+    )
     ka = 1.0 / road.grid[g, 4]
     kb = 1.0 / road.grid[g, 5]
     h_a = ka * _dot4(du, f)
@@ -353,7 +401,8 @@ def _curved_at(road, g, x, y):
 
 @kernel(borrow=True)
 def surface_at(road, x, y):
-    """(h, h_x, h_y, h_xx, h_xy, h_yy): height [m], slopes [-] and second derivatives [1/m] of the road at (x, y) [m] in W."""
+    """(h, h_x, h_y, h_xx, h_xy, h_yy): height [m], slopes [-] and second derivatives [1/m] of the road at (x, y) [m] in
+    W."""
     zero = 0.0 * x
     h = road.plane[0] + road.plane[1] * x + road.plane[2] * y
     h_x = zero + road.plane[1]
@@ -386,7 +435,9 @@ def friction_at(road, x, y):
         p = road.patch[k]
         a = (x - p[0]) * p[2] + (y - p[1]) * p[3]
         b = (y - p[1]) * p[2] - (x - p[0]) * p[3]
-        inside = _step((p[4] + a) / p[7]) * _step((p[4] - a) / p[7]) * _step((p[5] + b) / p[7]) * _step((p[5] - b) / p[7])
+        inside = (
+            _step((p[4] + a) / p[7]) * _step((p[4] - a) / p[7]) * _step((p[5] + b) / p[7]) * _step((p[5] - b) / p[7])
+        )
         mu = mu * (1.0 + (p[6] - 1.0) * inside)
     for g in range(road.heights[0], road.start.shape[0]):
         mu = mu * _grid_at(road, g, x, y)[0]

@@ -60,7 +60,8 @@ class HeightGrid:
 
 
 LARGEST_RASTER = MOST_NODES  # numbers
-LARGEST_PACKED = 600_000  # characters: a scene with it, as it stands in a recording, can still be read (solver.files.yaml_tree)
+# characters: a scene with it, as it stands in a recording, can still be read (solver.files.yaml_tree)
+LARGEST_PACKED = 600_000
 _LEVELS = 65535
 
 
@@ -68,9 +69,9 @@ _LEVELS = 65535
 class Raster:
     """Numbers on a grid in one text: low + resolution * (whole numbers from 0 to 65535).
 
-    packed: rows x columns of them, 16 bits, little-endian, each the difference (modulo 65536) from the one in the row before, deflated
-    (zlib), in base64. Files stand for it: .png (greyscale: 0 to 1; x to the right and y up in the picture) and .npz (one array; first
-    index along x), which are rounded to 1/65535 of their range.
+    packed: rows x columns of them, 16 bits, little-endian, each the difference (modulo 65536) from the one in the row
+    before, deflated (zlib), in base64. Files stand for it: .png (greyscale: 0 to 1; x to the right and y up in the
+    picture) and .npz (one array; first index along x), which are rounded to 1/65535 of their range.
     """
 
     rows: int
@@ -84,12 +85,18 @@ class Raster:
         for name in ('rows', 'columns'):
             finite(where, name, getattr(self, name), low=2)
         size = self.rows * self.columns
-        require(size <= LARGEST_RASTER, where, 'rows', self.rows, f'{size} numbers are too many (at most {LARGEST_RASTER})')
+        require(
+            size <= LARGEST_RASTER, where, 'rows', self.rows, f'{size} numbers are too many (at most {LARGEST_RASTER})'
+        )
         for name in ('low', 'resolution'):
             object.__setattr__(self, name, finite(where, name, getattr(self, name), low=-1e6, high=1e6))
         length = len(self.packed)
         require(
-            length <= LARGEST_PACKED, where, 'packed', f'{length} characters', f'{LARGEST_PACKED} at most: take a part, or coarser steps'
+            length <= LARGEST_PACKED,
+            where,
+            'packed',
+            f'{length} characters',
+            f'{LARGEST_PACKED} at most: take a part, or coarser steps',
         )
         require(self.values.size == size, where, 'packed', '...', 'has another size')
 
@@ -98,7 +105,11 @@ class Raster:
         """The raster of a matrix. Raises SpecError for one that is too large."""
         low, high = float(values.min()), float(values.max())
         resolution = (high - low) / _LEVELS
-        levels = np.zeros(values.shape, np.int64) if resolution == 0.0 else np.rint((values - low) / resolution).astype(np.int64)
+        levels = (
+            np.zeros(values.shape, np.int64)
+            if resolution == 0.0
+            else np.rint((values - low) / resolution).astype(np.int64)
+        )
         levels[1:] -= levels[:-1].copy()
         data = (levels % (_LEVELS + 1)).astype('<u2').tobytes()
         packed = base64.b64encode(zlib.compress(data, 9)).decode()
@@ -118,7 +129,11 @@ class Raster:
         except (binascii.Error, zlib.error, ValueError):
             data = b''
         require(
-            len(data) == size, 'raster', 'packed', f'{len(data)} bytes', f'must be {size} bytes (16 bits a number), deflated, in base64'
+            len(data) == size,
+            'raster',
+            'packed',
+            f'{len(data)} bytes',
+            f'must be {size} bytes (16 bits a number), deflated, in base64',
         )
         steps = np.frombuffer(data, '<u2').reshape(self.rows, self.columns).astype(np.int64)
         return self.low + self.resolution * (np.cumsum(steps, axis=0) % (_LEVELS + 1))
@@ -126,8 +141,8 @@ class Raster:
 
 @dataclass(frozen=True, kw_only=True)
 class _Map:
-    """A raster on the road: offset + scale * number at every node. origin, step, yaw: as in HeightGrid. raster: the numbers, or a .png or
-    .npz file with them."""
+    """A raster on the road: offset + scale * number at every node. origin, step, yaw: as in HeightGrid. raster: the
+    numbers, or a .png or .npz file with them."""
 
     origin: Place
     step: Place
@@ -173,8 +188,8 @@ class RasterGrid(_Map):
 class FrictionMap(_Map):
     """A factor on the tires' peak friction in a raster: offset + scale * number, between 0.001 and 10.
 
-    origin, step, yaw, raster: as in RasterGrid. Between the nodes it is the cubic B-spline with these numbers (smooth, and never beyond
-    them), outside the raster what it is at its border.
+    origin, step, yaw, raster: as in RasterGrid. Between the nodes it is the cubic B-spline with these numbers (smooth,
+    and never beyond them), outside the raster what it is at its border.
     """
 
     WHERE = 'friction map'
@@ -191,10 +206,10 @@ class FrictionMap(_Map):
 class RandomRoad:
     """A random road with the displacement spectrum of [ISO8608], G(n) = G(0.1) (n/0.1)^-2 along x.
 
-    origin, yaw: as in HeightGrid. length, width: [m]. step: (dx, dy) [m]. quality: class 'A' to 'H'. seed: of numpy's PCG64.
-    coherence: tracks a distance y apart have the coherence function exp(-2 pi coherence n y) at n [cycles/m] (0: a cylindrical
-    road; about 0.5 to 1 is measured on roads). shortest: shortest wavelength [m] (the tire envelops shorter ones).
-    Heights fade to zero over `ramp` [m] at both ends.
+    origin, yaw: as in HeightGrid. length, width: [m]. step: (dx, dy) [m]. quality: class 'A' to 'H'. seed: of numpy's
+    PCG64. coherence: tracks a distance y apart have the coherence function exp(-2 pi coherence n y) at n [cycles/m] (0:
+    a cylindrical road; about 0.5 to 1 is measured on roads). shortest: shortest wavelength [m] (the tire envelops
+    shorter ones). Heights fade to zero over `ramp` [m] at both ends.
     """
 
     origin: Place
@@ -211,7 +226,9 @@ class RandomRoad:
     def __post_init__(self) -> None:
         where = 'random road'
         require(self.quality in ISO_8608_DENSITY, where, 'quality', self.quality, "must be one of 'A' to 'H'")
-        require(isinstance(self.seed, int) and self.seed >= 0, where, 'seed', self.seed, 'must be a non-negative integer')
+        require(
+            isinstance(self.seed, int) and self.seed >= 0, where, 'seed', self.seed, 'must be a non-negative integer'
+        )
         object.__setattr__(self, 'step', vector(where, 'step', self.step, 2))
         object.__setattr__(self, 'origin', vector(where, 'origin', self.origin, 2))
         object.__setattr__(self, 'ramp', finite(where, 'ramp', self.ramp, low=0.0, strict=True))
@@ -232,7 +249,8 @@ class RandomRoad:
     def expand(self) -> HeightGrid:
         """Return the grid; the same seed gives the same road.
 
-        Amplitudes are complex Gaussian with variance G(n) dn, neighbouring tracks a first-order Markov chain per frequency.
+        Amplitudes are complex Gaussian with variance G(n) dn, neighbouring tracks a first-order Markov chain per
+        frequency.
         """
         dx, dy = self.step
         n_x = round(self.length / dx) + 1

@@ -104,7 +104,8 @@ def compile_rods(specs: Sequence[RodSpec], context: Context) -> RodTable:
         length=np.array([s.length for s in specs], float),
         damping=np.array([s.damping for s in specs], float),
         across=np.array([s.across for s in specs], float),
-        S=about[:, 1, None, None] * x[:, :, None] * x[:, None, :] + about[:, 0, None, None] * y[:, :, None] * y[:, None, :],
+        S=about[:, 1, None, None] * x[:, :, None] * x[:, None, :]
+        + about[:, 0, None, None] * y[:, :, None] * y[:, None, :],
         slot=pairs.slot,
     )
 
@@ -172,7 +173,8 @@ def rod_forces(table, now, effects, out):
         add3(f, j, 3, tmv(at.S, cross(at.rho, force)))
         add3(f, i, 3, scale(-1.0, cross(at.e, force)))
         if now.tangents:
-            # -d(force)/dd at constant d_dot; the second derivative of the swing's energy is t^2 (S - 2 (n bend^T + bend n^T) - n.S n)
+            # -d(force)/dd at constant d_dot; the second derivative of the swing's energy is t^2 (S - 2 (n bend^T + bend
+            # n^T) - n.S n)
             nn = outer(along, along)
             plain = t * (tension + (c - k) * rate)
             D = madd(mscale(stiffness - plain, nn), mscale(t * t, swing))

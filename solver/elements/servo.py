@@ -48,7 +48,9 @@ OUTPUTS = {**OF_MESH, 'speed': 'm/s', 'motor': 'N or N m'}
 BODIES = 5  # bodies of a servo: two of each coordinate of the mesh, and the body of the marker
 
 
-def require_map(where: str, speeds: Sequence[float], torques: Sequence[float], forces: Sequence[Sequence[float]]) -> None:
+def require_map(
+    where: str, speeds: Sequence[float], torques: Sequence[float], forces: Sequence[Sequence[float]]
+) -> None:
     """Check a map of forces over speeds (rows) and torques (columns). Raises SpecError."""
     require_rising(where, 'speeds', speeds)
     require_rising(where, 'torques', torques)
@@ -86,7 +88,9 @@ class ServoSpec(Spec):
     def __post_init__(self) -> None:
         require_wind_up(self)
         first, factor = self.terms[0]
-        require(factor != 0.0, self.where, f'factor of {first}', factor, 'must not be 0: the motor pushes this coordinate')
+        require(
+            factor != 0.0, self.where, f'factor of {first}', factor, 'must not be 0: the motor pushes this coordinate'
+        )
         for field in ('stiffness', 'limit', 'lag'):
             self.set(field, finite(self.where, field, getattr(self, field), low=0.0, strict=True))
         self.set('damping', finite(self.where, 'damping', self.damping, low=0.0))
@@ -130,7 +134,9 @@ def compile_servos(specs: Sequence[ServoSpec], context: Context) -> ServoTable:
     n = len(specs)
     term = np.array([[context.coordinate(s.where, name) for name, _ in s.terms] for s in specs], np.int64).reshape(n, 2)
     table = ServoTable(
-        coordinate=np.array([[a, -1 if any(s.harmonics) else b, a] for s, (a, b) in zip(specs, term, strict=True)], np.int64).reshape(n, 3),
+        coordinate=np.array(
+            [[a, -1 if any(s.harmonics) else b, a] for s, (a, b) in zip(specs, term, strict=True)], np.int64
+        ).reshape(n, 3),
         factor=np.array([[*(f for _, f in s.terms), 1.0] for s in specs], float).reshape(n, 3),
         term=term,
         harmonics=np.array([s.harmonics for s in specs], float).reshape(n, 4),
@@ -172,7 +178,9 @@ def servo_forces(table, now, effects, out):
         ahead = 1.0 if speed.real >= 0.0 else -1.0
         first = table.factor[e, 0]
         pushing = torque if first < 0.0 else -torque
-        demand, by_torque, by_speed = evaluate_map(now.laws, table.start, table.speed, table.law, e, pushing, ahead * speed)
+        demand, by_torque, by_speed = evaluate_map(
+            now.laws, table.start, table.speed, table.law, e, pushing, ahead * speed
+        )
         share = now.cz / table.lag[e]
         force = (now.zp[n] + share * held(demand, table.limit[e])) / (1.0 + share)
         # Q_1 here is the force of mesh and motor on x_1, divided by factor_1
@@ -190,7 +198,9 @@ def servo_forces(table, now, effects, out):
             gain = share / (1.0 + share)
             helped = 1.0 + gain * steepness / abs(first)
             rows = (scale6(helped, g[0]), scale6(helped, g[1]), g[2], g[3])
-            add_wind_up(table, coordinates, kin, e, rows, g, change, Q_1, -torque, table.stiffness[e], table.damping[e], Kq, Kv)
+            add_wind_up(
+                table, coordinates, kin, e, rows, g, change, Q_1, -torque, table.stiffness[e], table.damping[e], Kq, Kv
+            )
             faster = gain * by_speed * followed * ahead / first
             none = scale(0.0, forward)
             turned = (none, scale(faster, cross(forward, tmv(R, velocity))))

@@ -1,4 +1,5 @@
-"""Functions of the tire laws: differentiable stand-ins for |x|, sign, max and clipping, and the arguments of the Magic Formula.
+"""Functions of the tire laws: differentiable stand-ins for |x|, sign, max and clipping, and the arguments of the Magic
+Formula.
 
 On float64, complex128 and Dual; once continuously differentiable where nothing else is said.
 """

@@ -31,8 +31,8 @@ OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'length': 'm', 'rate': 'm/s', 'for
 class SpringDamperSpec(Spec):
     """Spring-damper between the origins of two markers.
 
-    force = spring(length - free_length) + damper(rate) + preload [N], tension positive. Laws are in N over m and N over m/s;
-    None means absent.
+    force = spring(length - free_length) + damper(rate) + preload [N], tension positive. Laws are in N over m and N over
+    m/s; None means absent.
     """
 
     counted_as = 'spring_dampers'
@@ -103,5 +103,9 @@ def spring_damper_forces(table, now, effects, out):
 
 
 SPRING_DAMPERS = ForceKind(
-    name='spring_dampers', spec=SpringDamperSpec, compile=compile_spring_dampers, kernel=spring_damper_forces, outputs=OUTPUTS
+    name='spring_dampers',
+    spec=SpringDamperSpec,
+    compile=compile_spring_dampers,
+    kernel=spring_damper_forces,
+    outputs=OUTPUTS,
 )

@@ -1,10 +1,12 @@
-"""Strut: springs, stops and a damper in a row with a rubber mount, without mass: what is left of a coil-over whose parts have no inertia.
+"""Strut: springs, stops and a damper in a row with a rubber mount, without mass: what is left of a coil-over whose
+parts have no inertia.
 
     length from i to j = x + y       x of spring and damper, y of the mount beyond its free length
     F = spring(x - free) + stops(x - free) + damper(dx/dt) = mount(y) + mount_damping dy/dt         tension positive
 
-The extension y of the mount is an internal state. Its rate follows from the balance of the two sides, one equation that rises with dy/dt as
-long as no law falls; it is solved by Newton's method between bounds, of which the last two iterations are free of them.
+The extension y of the mount is an internal state. Its rate follows from the balance of the two sides, one equation that
+rises with dy/dt as long as no law falls; it is solved by Newton's method between bounds, of which the last two
+iterations are free of them.
 """
 
 from __future__ import annotations
@@ -38,9 +40,9 @@ SETTLED_FORCE = 1e-6  # of the force, where they end: two more iterations square
 class StrutSpec(Spec):
     """Springs and a damper with a mount in a row between the origins of two markers; see the module for the force.
 
-    free_length: of the damper with its stops [m]. spring: force [N] over length less free_length, preload included; stops: the same,
-    shown with the damper; damper: over its rate [m/s]; mount: over its extension [m]; tension positive. None means absent.
-    mount_damping [N s/m] > 0.
+    free_length: of the damper with its stops [m]. spring: force [N] over length less free_length, preload included;
+    stops: the same, shown with the damper; damper: over its rate [m/s]; mount: over its extension [m]; tension
+    positive. None means absent. mount_damping [N s/m] > 0.
     """
 
     i: Marker
@@ -88,7 +90,8 @@ def compile_struts(specs: Sequence[StrutSpec], context: Context) -> StrutTable:
 
 @kernel(inner=True)
 def _sides(table, laws, e, length, rate, zp, cz, w):
-    """(y, F of the mount, its slope in w; spring and stops, their stiffness; damper, its slope; energy) at dy/dt = w."""
+    """(y, F of the mount, its slope in w; spring and stops, their stiffness; damper, its slope; energy) at dy/dt =
+    w."""
     y = zp + cz * w
     x = length - y - table.free_length[e]
     spring, k0, e0 = evaluate_law(laws, table.law[e, 0], x)
@@ -137,7 +140,9 @@ def strut_forces(table, now, effects, out):
         rate = dot(n, at.v)
         state = table.state[e]
         w = _mount_rate(table, now.laws, e, length, rate, now.zp[state], now.cz)
-        y, force, slope, spring, stops, k, damper, c, energy = _sides(table, now.laws, e, length, rate, now.zp[state], now.cz, w)
+        y, force, slope, spring, stops, k, damper, c, energy = _sides(
+            table, now.laws, e, length, rate, now.zp[state], now.cz, w
+        )
         F = add_tension(kin, at, n, force, f)
         if now.tangents:
             # dw = (k dl + c dr) / (slope + k cz + c), and the mount's force changes by slope dw

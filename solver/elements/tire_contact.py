@@ -17,10 +17,12 @@ from solver.elements.road import plane_at, surface_at
 from solver.elements.smooth import ramp, smooth_abs, smooth_step
 from solver.elements.tire_data import I
 
-TOUCH = 0.5e-3  # half width of the parabola with which the load begins at touch-down [m], of small tires in proportion less (I.SMALL)
+# half width of the parabola with which the load begins at touch-down [m], of small tires in proportion less (I.SMALL)
+TOUCH = 0.5e-3
 RIM_TOUCH = 3e-3  # the same for the rim [m]
 NEVER_PULL = 0.1  # and with which it ends in fast rebound [-]
-FLAT_FROM, FLAT_TO = 0.5, 0.2  # cosine of camber between which the tread leaves the road (60 to 78 degrees): no friction beyond
+# cosine of camber between which the tread leaves the road (60 to 78 degrees): no friction beyond
+FLAT_FROM, FLAT_TO = 0.5, 0.2
 TINY = 1e-18
 
 
@@ -37,7 +39,8 @@ class WheelBodyMotion(NamedTuple):
 
 @kernel(inner=True)
 def motion_of(R, p, twist, r, a):
-    """Motion of a wheel with its centre at r and its spin axis a (both in B) on a body, from its placement and twist."""
+    """Motion of a wheel with its centre at r and its spin axis a (both in B) on a body, from its placement and
+    twist."""
     v, w = (twist[0], twist[1], twist[2]), (twist[3], twist[4], twist[5])
     return WheelBodyMotion(p, add(p, mv(R, r)), mv(R, a), add(v, mv(R, cross(w, r))), mv(R, w), dot(a, w))
 
@@ -67,7 +70,11 @@ def seeded_motion_of(R, p, twist, r, a):
             seeded(centre[1], ey + cross(r, y) + o + o),
             seeded(centre[2], ez + cross(r, z) + o + o),
         ),
-        (seeded(axis[0], o + cross(a, x) + o + o), seeded(axis[1], o + cross(a, y) + o + o), seeded(axis[2], o + cross(a, z) + o + o)),
+        (
+            seeded(axis[0], o + cross(a, x) + o + o),
+            seeded(axis[1], o + cross(a, y) + o + o),
+            seeded(axis[2], o + cross(a, z) + o + o),
+        ),
         (
             seeded(velocity[0], o + cross(c, x) + ex + cross(r, x)),
             seeded(velocity[1], o + cross(c, y) + ey + cross(r, y)),
@@ -147,7 +154,8 @@ def contact_of(c, damping, road, motion):
 
 @kernel(inline=True)
 def _contact(c, damping, road, motion, surface):
-    """The same on a surface, of surface_at or plane_at: the slopes of a plane have no derivatives, which halves the work on its normal."""
+    """The same on a surface, of surface_at or plane_at: the slopes of a plane have no derivatives, which halves the
+    work on its normal."""
     R0 = c[I.UNLOADED_RADIUS]
     F0 = c[I.FNOMIN]
     centre, s, v_c = motion.centre, motion.axis, motion.velocity
@@ -164,11 +172,13 @@ def _contact(c, damping, road, motion, surface):
     height = centre[2] - h
     envelops = road.enveloping[0] > 0.0
     level = 1.0 / np.sqrt(1.0 + road.plane[1] * road.plane[1] + road.plane[2] * road.plane[2])
-    # from the centre to the road's tangent plane, or to the effective road along the normal of the base plane (solver.elements.enveloping)
+    # from the centre to the road's tangent plane, or to the effective road along the normal of the base plane
+    # (solver.elements.enveloping)
     below = level * height if envelops else n[2] * height
-    # loaded radius: along the wheel plane to the road, below = loaded cos(gamma). Towards a wheel that lies flat the cosine is held at
-    # half the width over the radius: the sidewall carries it. The contact point follows from the same function (virtual work). A tire that
-    # is wider than its radius is held at half of it, so that an upright wheel stands on its radius.
+    # loaded radius: along the wheel plane to the road, below = loaded cos(gamma). Towards a wheel that lies flat the
+    # cosine is held at half the width over the radius: the sidewall carries it. The contact point follows from the same
+    # function (virtual work). A tire that is wider than its radius is held at half of it, so that an upright wheel
+    # stands on its radius.
     flat = min(c[I.HALF_WIDTH] / R0, 0.5)
     support = flat + ramp(cos_g - flat, flat)
     lean = 1.0 / cos_g if cos_g.real > 2.0 * flat else 0.0 * cos_g + 0.5 / flat  # (d support / d cos_g) / cos_g
@@ -201,7 +211,8 @@ def _contact(c, damping, road, motion, surface):
     stiffening = 1.0 + c[I.Q_V2] * smooth_abs(turn, 1e-3)
     Fz = spring * stiffening / support * ramp(1.0 - damping * loaded_rate, NEVER_PULL)
     if envelops:
-        Fz = Fz * slope * level  # the spring acts along the base normal; along n it is this much larger, and conservative
+        # the spring acts along the base normal; along n it is this much larger, and conservative
+        Fz = Fz * slope * level
     upright = smooth_step((cos_g - FLAT_TO) / (FLAT_FROM - FLAT_TO))
 
     # effective rolling radius [B] (7); load without damper, so that it follows the deflection

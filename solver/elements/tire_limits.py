@@ -1,8 +1,9 @@
 """Range in which the coefficients of a tire mean something: refusals and remarks.
 
-Every rule follows from the published equations ([P] 4.3.2, [B], docs/references.md): a divisor that vanishes, a stiffness or friction
-that changes its sign at loads the tire carries, a spring that cannot carry the nominal load, a curve that turns around. Rules look at
-the law as a whole, at the inflation pressure of the tire, so several coefficients may be the reason; the sentence names them all.
+Every rule follows from the published equations ([P] 4.3.2, [B], docs/references.md): a divisor that vanishes, a
+stiffness or friction that changes its sign at loads the tire carries, a spring that cannot carry the nominal load, a
+curve that turns around. Rules look at the law as a whole, at the inflation pressure of the tire, so several
+coefficients may be the reason; the sentence names them all.
 """
 
 from __future__ import annotations
@@ -18,10 +19,35 @@ from solver.errors import SpecError
 
 POSITIVE = ('FNOMIN', 'UNLOADED_RADIUS', 'VERTICAL_STIFFNESS', 'LONGVL', 'PCX1', 'PDX1', 'PKX1', 'PCY1', 'PKY2', 'PKY4')
 DIVISORS = ('LFZO', 'LCX', 'LMUX', 'LKX', 'LCY', 'LMUY', 'LKY')
-DPI = 0.5  # relative change of pressure beyond which the quadratic terms of pressure are no longer those of the measurement
+# relative change of pressure beyond which the quadratic terms of pressure are no longer those of the measurement
+DPI = 0.5
 NOT_NEGATIVE = (
-    *('VERTICAL_DAMPING', 'NOMPRES', 'INFLPRES', 'FZMAX', 'BOTTOM_STIFF', 'LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS'),
-    *('WIDTH', 'RIM_RADIUS', 'Q_FZ1', 'LEX', 'LEY', 'LKYC', 'LKZC', 'LGAX', 'LGAY', 'LGAZ', 'LTR', 'LXAL', 'LYKA', 'LMX', 'LMY'),
+    *(
+        'VERTICAL_DAMPING',
+        'NOMPRES',
+        'INFLPRES',
+        'FZMAX',
+        'BOTTOM_STIFF',
+        'LONGITUDINAL_STIFFNESS',
+        'LATERAL_STIFFNESS',
+    ),
+    *(
+        'WIDTH',
+        'RIM_RADIUS',
+        'Q_FZ1',
+        'LEX',
+        'LEY',
+        'LKYC',
+        'LKZC',
+        'LGAX',
+        'LGAY',
+        'LGAZ',
+        'LTR',
+        'LXAL',
+        'LYKA',
+        'LMX',
+        'LMY',
+    ),
     *('LSGKP', 'LSGAL'),
 )
 OFFSETS = ('LHX', 'LHY', 'LVX', 'LVY', 'LRES', 'LVYKA', 'LS', 'LVMX')  # scale factors that may turn an asymmetry around
@@ -36,7 +62,8 @@ RANGES = {  # (lowest, highest, what it is)
 
 
 def check(where: str, data: Coefficients, pressure: float | None = None) -> None:
-    """Refuse a tire that the equations do not describe. pressure: inflation pressure [Pa], None for that of the data. Raises SpecError."""
+    """Refuse a tire that the equations do not describe. pressure: inflation pressure [Pa], None for that of the data.
+    Raises SpecError."""
     for found in _findings(data, pressure):
         if found.refused:
             raise SpecError(f'{where}: {found.key} = {data[found.key]:g}: {found.text}')
@@ -44,12 +71,14 @@ def check(where: str, data: Coefficients, pressure: float | None = None) -> None
 
 def oddities(data: Coefficients, pressure: float | None = None) -> list[str]:
     """Sentences on coefficients that are odd but can be computed. pressure: see check()."""
-    return [f'{found.key} = {data[found.key]:g}: {found.text}' for found in _findings(data, pressure) if not found.refused]
+    return [
+        f'{found.key} = {data[found.key]:g}: {found.text}' for found in _findings(data, pressure) if not found.refused
+    ]
 
 
 def oddest(data: Coefficients, pressure: float | None = None) -> str:
-    """The first of oddities() of what a tire holds a vehicle with: scale factors, friction, slip stiffness, spring; with its file and line,
-    or ''. For what fails in a start, and would be blamed on a body."""
+    """The first of oddities() of what a tire holds a vehicle with: scale factors, friction, slip stiffness, spring;
+    with its file and line, or ''. For what fails in a start, and would be blamed on a body."""
     for found in _findings(data, pressure):
         if found.key in (*DIVISORS, *HOLDS) and not found.refused:
             place = getattr(data, 'places', {}).get(found.key, '')
@@ -94,18 +123,27 @@ def _ranges(data: Mapping[str, float] | Coefficients) -> Iterator[Finding]:
         if data[key] < 0.0:
             yield Finding(key, False, 'a negative scale factor turns what it scales around')
     if 0.0 < data['FZMAX'] < data['FNOMIN']:
-        yield Finding('FZMAX', False, f'is below FNOMIN = {data["FNOMIN"]:g}: what depends on the load is held at FZMAX')
+        yield Finding(
+            'FZMAX', False, f'is below FNOMIN = {data["FNOMIN"]:g}: what depends on the load is held at FZMAX'
+        )
 
 
 def _pressure(law: UprightLaw) -> Iterator[Finding]:
     d = law.data
     if d.version == 61 and d['NOMPRES'] > 0.0 and d.values.get('INFLPRES') == 0.0:  # 5.2 knows no pressure
-        text = 'must be positive: a tire without pressure is none that the Magic Formula describes; leave it out for NOMPRES'
+        text = (
+            'must be positive: a tire without pressure is none that the Magic Formula describes; leave it out for '
+            'NOMPRES'
+        )
         yield Finding('INFLPRES', True, text)
     if abs(law.dpi) > DPI:
         ratio = f'the pressure is {1.0 + law.dpi:.3g} times NOMPRES = {d["NOMPRES"]:g}'
         yield Finding('INFLPRES', False, f'{ratio}: the terms of pressure are those of a measurement near it')
-    for key, factor in {'PFZ1': 1.0 + d['PFZ1'] * law.dpi, 'PPY2': 1.0 + d['PPY2'] * law.dpi, 'PPY1': 1.0 + d['PPY1'] * law.dpi}.items():
+    for key, factor in {
+        'PFZ1': 1.0 + d['PFZ1'] * law.dpi,
+        'PPY2': 1.0 + d['PPY2'] * law.dpi,
+        'PPY1': 1.0 + d['PPY1'] * law.dpi,
+    }.items():
         if factor <= 0.0:
             pressures = f'{1.0 + law.dpi:.3g} times NOMPRES (INFLPRES, NOMPRES)'
             yield Finding(key, True, f'the stiffness ends at the pressure of this tire, {pressures}')
@@ -124,7 +162,10 @@ def _spring(law: UprightLaw) -> Iterator[Finding]:
     most = max(1.0, min(2.0, (d['FZMAX'] or math.inf) / F0))
     rest, low = law.deflection(1.0), law.deflection(most)
     if not low < 1.0:
-        carried = f'the spring softens with Q_FZ1 = {d["Q_FZ1"]:g} and VERTICAL_STIFFNESS = {law.c_z:g} until it does not carry'
+        carried = (
+            f'the spring softens with Q_FZ1 = {d["Q_FZ1"]:g} and VERTICAL_STIFFNESS = {law.c_z:g} until it does '
+            'not carry'
+        )
         yield Finding('Q_FZ2', True, f'{carried} {most * F0:g} N ({of})')
         return
     rim = d['RIM_RADIUS']
@@ -133,14 +174,20 @@ def _spring(law: UprightLaw) -> Iterator[Finding]:
     if rest > (1.0 - rim / R0 if 0.0 < rim < R0 else 0.5):
         room = f'the rim of RIM_RADIUS = {rim:g}' if rim > 0.0 else 'half the radius'
         spring = f'Q_FZ1 = {d["Q_FZ1"]:g}' if d['Q_FZ1'] > 0.0 else 'this spring'
-        yield Finding('VERTICAL_STIFFNESS', True, f'on {spring} a tire of {of} is pressed in by {rest * R0:.3g} m, beyond {room}')
+        yield Finding(
+            'VERTICAL_STIFFNESS', True, f'on {spring} a tire of {of} is pressed in by {rest * R0:.3g} m, beyond {room}'
+        )
     elif not 0.01 <= rest <= 0.25:
-        yield Finding('VERTICAL_STIFFNESS', False, f'a tire of {of} is pressed in by {100.0 * rest:.3g} % of its radius at rest')
+        yield Finding(
+            'VERTICAL_STIFFNESS', False, f'a tire of {of} is pressed in by {100.0 * rest:.3g} % of its radius at rest'
+        )
     if d['Q_FZ1'] > 0.0:
         slope = math.sqrt(d['Q_FZ1'] ** 2 + 4.0 * d['Q_FZ2']) * F0 / R0
         if not 0.7 < slope / law.c_z < 1.4:
             text = f'Q_FZ1 = {d["Q_FZ1"]:g}, Q_FZ2 = {d["Q_FZ2"]:g} have the slope {slope:.4g} N/m at {of}'
-            yield Finding('VERTICAL_STIFFNESS', False, f'{text}: the load follows from these, the rolling radius from that')
+            yield Finding(
+                'VERTICAL_STIFFNESS', False, f'{text}: the load follows from these, the rolling radius from that'
+            )
     if law.width > 2.0 * R0:
         yield Finding('WIDTH', False, f'is more than twice UNLOADED_RADIUS = {R0:g}')
     if d.values.get('WIDTH') == 0.0:
@@ -155,7 +202,10 @@ def _spring(law: UprightLaw) -> Iterator[Finding]:
         elif d['BOTTOM_OFFST'] < 0.0:
             yield Finding('BOTTOM_OFFST', False, f'{sizes} when it is below the road')
     if d['VERTICAL_DAMPING'] > 0.05 * law.c_z:
-        text = f'with VERTICAL_STIFFNESS = {law.c_z:g} the tire takes {d["VERTICAL_DAMPING"] / law.c_z:.3g} s to spring back'
+        text = (
+            f'with VERTICAL_STIFFNESS = {law.c_z:g} the tire takes {d["VERTICAL_DAMPING"] / law.c_z:.3g} s to '
+            'spring back'
+        )
         yield Finding('VERTICAL_DAMPING', False, text)
     for load in (0.5, 1.0, 2.0):
         c_z = law.c_z * (1.0 + d['PFZ1'] * law.dpi)
@@ -190,7 +240,10 @@ def _speed(law: UprightLaw) -> Iterator[Finding]:
         scale = d['LMY'] * float(np.float64(1.0 + law.dpi) ** d['QSY8'])
     for speed in (0.1 * v, v):
         share = scale * (d['QSY1'] + d['QSY3'] * speed + d['QSY4'] * speed**4)
-        text = f'{names} the rolling resistance is {share:.3g} of the load at {speed * d["LONGVL"]:.3g} m/s (LONGVL = {d["LONGVL"]:g})'
+        text = (
+            f'{names} the rolling resistance is {share:.3g} of the load at {speed * d["LONGVL"]:.3g} m/s (LONGVL = '
+            f'{d["LONGVL"]:g})'
+        )
         if abs(share) > 1.0:
             yield Finding('QSY1', True, text)
             return
@@ -203,7 +256,8 @@ def _speed(law: UprightLaw) -> Iterator[Finding]:
     leaning = scale * (d['QSY1'] + (d['QSY5'] + d['QSY6']) * law.lean**2)
     if not -1e-9 <= leaning <= 0.2:
         text = (
-            f'with QSY6 = {d["QSY6"]:g} the rolling resistance at a camber of {math.degrees(law.lean):.3g} deg is {leaning:.3g} of the load'
+            f'with QSY6 = {d["QSY6"]:g} the rolling resistance at a camber of {math.degrees(law.lean):.3g} deg is '
+            f'{leaning:.3g} of the load'
         )
         yield Finding('QSY5', False, text)
     if d['QSY7'] > 3.0:

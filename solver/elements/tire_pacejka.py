@@ -1,11 +1,12 @@
 """Tire on the road: Magic Formula forces with first-order relaxation, standstill included.
 
-One body carries the force: the wheel, whose spin axis is y of the marker at the wheel centre. The contact frame C, the slips
-and all signs are those of docs/conventions.md; the model is described in docs/tire.md. In short
+One body carries the force: the wheel, whose spin axis is y of the marker at the wheel centre. The contact frame C, the
+slips and all signs are those of docs/conventions.md; the model is described in docs/tire.md. In short
 
     deflection -> load Fz -> relaxation lengths -> contact deflections (u, v) -> slips -> magic_formula -> wrench at C
 
-    du/dt = -c Vsx - |V|/sigma_kappa u,     |V| = |(Vx, Vsx/(mu k_x), Vsy/(mu k_y))|,     kappa = (u - tau Vsx)/sigma_kappa
+    du/dt = -c Vsx - |V|/sigma_kappa u,     |V| = |(Vx, Vsx/(mu k_x), Vsy/(mu k_y))|,     kappa = (u - tau
+                                            Vsx)/sigma_kappa
 
 and the same for v with Vsy and sigma_alpha. c is 1 on the ground and 0 in the air, mu the friction.
 
@@ -66,7 +67,8 @@ from solver.validate import finite, require
 TIRE_UNITS = {
     **dict.fromkeys(('fx', 'fy', 'fz'), 'N'),  # force on the wheel at the contact point, contact frame
     **dict.fromkeys(('mx', 'my', 'mz'), 'N m'),  # moment on it
-    **{'kappa': '', 'alpha': 'rad', 'gamma': 'rad', 'spin': 'rad/s'},  # slip, slip angle, camber, spin velocity about +y
+    # slip, slip angle, camber, spin velocity about +y
+    **{'kappa': '', 'alpha': 'rad', 'gamma': 'rad', 'spin': 'rad/s'},
     **{'deflection': 'm', 'friction': ''},  # vertical deflection, road friction factor
     **dict.fromkeys(('px', 'py', 'pz'), 'm'),  # contact frame in the world: position
     **dict.fromkeys(('qx', 'qy', 'qz', 'qw'), ''),  # orientation
@@ -199,7 +201,8 @@ def compile_tires(specs: Sequence[TireSpec], context: Context) -> TireTable:
 
 @kernel(inline=True)
 def _contact_state(z, cz, Vs, w, sigma, tau, fade, contact):
-    """(deflection at this instant, slip) of one direction; z: the part zp of z = zp + cz zdot; w: square of the speed of fading."""
+    """(deflection at this instant, slip) of one direction; z: the part zp of z = zp + cz zdot; w: square of the speed
+    of fading."""
     # |V| as w/sqrt(w + q^2): w at rest, sqrt(w) at speed
     rate = w / (sqrt(w + QUIET_SPEED * QUIET_SPEED) * sigma) + AIR_DECAY * (1.0 - contact)
     drive = contact * Vs
@@ -209,7 +212,8 @@ def _contact_state(z, cz, Vs, w, sigma, tau, fade, contact):
 
 @kernel(inline=True)
 def _twist_state(z, cz, rolling, turning, sigma, slow, low, grip, tau, fade, contact):
-    """(twist at this instant, R0 phi_t); rolling: square of the speed; turning: R0 yaw rate [m/s]; low: 1/k^2 on friction 1."""
+    """(twist at this instant, R0 phi_t); rolling: square of the speed; turning: R0 yaw rate [m/s]; low: 1/k^2 on
+    friction 1."""
     w = rolling + turning * turning * AT_SPEED
     if slow.real != 0.0:
         w = w + slow * turning * turning * low / (grip * grip)
@@ -218,10 +222,11 @@ def _twist_state(z, cz, rolling, turning, sigma, slow, low, grip, tau, fade, con
 
 @kernel(inner=True)
 def _parking(c, low, zp, cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu, grip):
-    """(twist at this instant [m], moment against it about the normal [N m]) below PARKING_ENDS; turning: R0 yaw rate [m/s].
+    """(twist at this instant [m], moment against it about the normal [N m]) below PARKING_ENDS; turning: R0 yaw rate
+    [m/s].
 
-    The speed over ground takes the place of Vx in the relaxation, and what drives the twist fades with the moment: where that ends
-    nothing of the twist is left.
+    The speed over ground takes the place of Vx in the relaxation, and what drives the twist fades with the moment:
+    where that ends nothing of the twist is left.
     """
     R0 = c[I.UNLOADED_RADIUS]
     over_ground = Vx * Vx + Vsy * Vsy
@@ -246,8 +251,9 @@ def _plain(a):
 def _evaluate(table, e, motion, zp, cz):
     """Everything about tire e.
 
-    zp: of (u, v, twist, give). Returns force and moment about the centre of mass on its body (both in W), and without derivatives: these
-    states, outputs with the power that the vertical spring gives in the place of dissipation, the contact frame (point, e_x, e_y, n).
+    zp: of (u, v, twist, give). Returns force and moment about the centre of mass on its body (both in W), and without
+    derivatives: these states, outputs with the power that the vertical spring gives in the place of dissipation, the
+    contact frame (point, e_x, e_y, n).
     """
     c = table.c[e]
     side = table.side[e]
@@ -257,7 +263,8 @@ def _evaluate(table, e, motion, zp, cz):
     Fz, Vx, Vsy = at.Fz, at.Vx, at.Vsy
     Vsx = Vx - motion.spin * at.rolling_radius
     mu = friction_at(table.road, motion.centre[0], motion.centre[1])
-    varies = table.road.patch.shape[0] > 0 or table.road.start.shape[0] > table.road.heights[0]  # the friction of the road
+    # the friction of the road
+    varies = table.road.patch.shape[0] > 0 or table.road.start.shape[0] > table.road.heights[0]
 
     # relaxation
     gamma = camber_variable(c, side * at.sin_camber, at.cos_camber)
@@ -289,27 +296,54 @@ def _evaluate(table, e, motion, zp, cz):
     if c[I.TURN_SLIP] > 0.0:
         turning = R0 * (dot(motion.turning, at.n) - motion.spin * at.sin_camber)  # of the heading, about the normal
         sigma = 0.0 * Fz + TWIST_LENGTH * R0
-        state_w, twist = _twist_state(zp[2], cz, Vx * Vx, turning, sigma, slow, table.low[e, 4], grip, tau, quiet, contact)
+        state_w, twist = _twist_state(
+            zp[2], cz, Vx * Vx, turning, sigma, slow, table.low[e, 4], grip, tau, quiet, contact
+        )
         twist = side * twist
 
     state_b, rolling = rolling_part(zp[3], cz, motion.spin * R0, table.give[e, 0], table.give[e, 1])
 
-    # forces on the wheel in the contact frame; the Magic Formula counts alpha the other way, a mirrored tire y the other way
+    # forces on the wheel in the contact frame; the Magic Formula counts alpha the other way, a mirrored tire y the
+    # other way
     Fx, Fy, Mx, My, Mz = 0.0 * Fz, 0.0 * Fz, 0.0 * Fz, 0.0 * Fz, 0.0 * Fz
     if Fz.real > LEAST_LOAD * F0:
         forward = smooth_sign(Vx, SLOWEST)
         slip = -side * tan_alpha
         Fx, Fy, Mx, A, B = patch_forces(
-            c, local(kappa, 0), local(slip, 1), camber, load, dfz, local(mu, -1), Kxk, Kya, local(twist, -1), local(forward, -1)
+            c,
+            local(kappa, 0),
+            local(slip, 1),
+            camber,
+            load,
+            dfz,
+            local(mu, -1),
+            Kxk,
+            Kya,
+            local(twist, -1),
+            local(forward, -1),
         )
-        Fx, Fy, Mx = compose(Fx, kappa, slip, gamma, Fz), compose(Fy, kappa, slip, gamma, Fz), compose(Mx, kappa, slip, gamma, Fz)
+        Fx, Fy, Mx = (
+            compose(Fx, kappa, slip, gamma, Fz),
+            compose(Fy, kappa, slip, gamma, Fz),
+            compose(Mx, kappa, slip, gamma, Fz),
+        )
         A, B = compose(A, kappa, slip, gamma, Fz), compose(B, kappa, slip, gamma, Fz)
         if differentiates(Fz) and (c[I.TURN_SLIP] > 0.0 or varies):  # its other arguments
             camber, load = local(gamma, -1), local(Fz, -1)
             dfz = load_increment(c, load)
             Kxk, Kya = slip_stiffness(c, camber, load, dfz)
             more = patch_forces(
-                c, local(kappa, -1), local(slip, -1), camber, load, dfz, local(mu, 0), Kxk, Kya, local(twist, 1), local(forward, 2)
+                c,
+                local(kappa, -1),
+                local(slip, -1),
+                camber,
+                load,
+                dfz,
+                local(mu, 0),
+                Kxk,
+                Kya,
+                local(twist, 1),
+                local(forward, 2),
             )
             Fx = Fx + compose(more[0] - value(more[0]), mu, twist, forward, mu)
             Fy = Fy + compose(more[1] - value(more[1]), mu, twist, forward, mu)
@@ -325,7 +359,9 @@ def _evaluate(table, e, motion, zp, cz):
         over_ground = forwards * forwards + sideways * sideways
         if over_ground.real < PARKING_ENDS * PARKING_ENDS * c[I.SMALL]:
             turning = R0 * (dot(motion.turning, at.n) - motion.spin * at.sin_camber)
-            state_w, moment = _parking(c, table.low[e, 4], zp[2], cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu, grip)
+            state_w, moment = _parking(
+                c, table.low[e, 4], zp[2], cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu, grip
+            )
             Mz = Mz + moment * at.upright
         else:
             state_w = 0.0 * Fz + zp[2] / (1.0 + cz * (PARKING_ENDS * c[I.SMALL_SPEED] / (TWIST_LENGTH * R0)))
@@ -346,7 +382,8 @@ def _evaluate(table, e, motion, zp, cz):
 
 @kernel(inline=True)
 def _store(table, e, R, twist, result, f, z, out):
-    """Write the values that _evaluate returned for tire e; R, twist: of its body. Returns the torque on the body, in B."""
+    """Write the values that _evaluate returned for tire e; R, twist: of its body. Returns the torque on the body, in
+    B."""
     i, j = table.body[e], table.state[e]
     F, M, states, values, point, frame = result
     T = tmv(R, M)
@@ -430,7 +467,8 @@ def rolling_tires(table: TireTable) -> TireTable:
 
 
 def rolling_radius(c: np.ndarray, load: float, speed: float) -> float:
-    """Effective rolling radius [m] of a tire of coefficients c under a vertical load [N], freely rolling at speed [m/s] ([B] eq. 7)."""
+    """Effective rolling radius [m] of a tire of coefficients c under a vertical load [N], freely rolling at speed [m/s]
+    ([B] eq. 7)."""
     R0, F0, q = c[I.UNLOADED_RADIUS], c[I.FNOMIN], load / c[I.FNOMIN]
     growth = R0 * c[I.Q_V1] * (speed / c[I.LONGVL]) ** 2
     c_z = (1.0 + c[I.PFZ1] * c[I.DPI]) * c[I.VERTICAL_STIFFNESS]
@@ -438,5 +476,12 @@ def rolling_radius(c: np.ndarray, load: float, speed: float) -> float:
 
 
 TIRES = ForceKind(
-    name='tires', spec=TireSpec, compile=compile_tires, kernel=tire_forces, outputs=OUTPUTS, wheels=True, held=held_tires, peak='deflection'
+    name='tires',
+    spec=TireSpec,
+    compile=compile_tires,
+    kernel=tire_forces,
+    outputs=OUTPUTS,
+    wheels=True,
+    held=held_tires,
+    peak='deflection',
 )

@@ -1,10 +1,11 @@
-"""Transmission: an elastic mesh between a joint coordinate and another one that reaches it through a shaft with universal joints.
+"""Transmission: an elastic mesh between a joint coordinate and another one that reaches it through a shaft with
+universal joints.
 
     s = factor_1 x_1 + factor_2 path(x_2)        path(x) = x + sum over n = 2, 4 of a_n sin(n x) + b_n (cos(n x) - 1)
     Q = -spring(s) - damper(ds/dt)               generalized force on x_1: factor_1 Q, on x_2: factor_2 path'(x_2) Q
 
-The harmonics are the non-uniformity of universal joints, whose driven angle leads and lags twice a turn. Without them it is a coordinate
-force of two terms (solver.elements.coordinate_force).
+The harmonics are the non-uniformity of universal joints, whose driven angle leads and lags twice a turn. Without them
+it is a coordinate force of two terms (solver.elements.coordinate_force).
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ def require_wind_up(spec: Any) -> None:
 class TransmissionSpec(Spec):
     """Elastic mesh over s = factor_1 x_1 + factor_2 path(x_2); see the module for the formula.
 
-    terms: two (coordinate name, factor), the second one a rotation behind universal joints. harmonics: a_2, b_2, a_4, b_4 of its path
-    [rad]. spring: law over s, damper: law over ds/dt (None: absent).
+    terms: two (coordinate name, factor), the second one a rotation behind universal joints. harmonics: a_2, b_2, a_4,
+    b_4 of its path [rad]. spring: law over s, damper: law over ds/dt (None: absent).
     """
 
     terms: tuple[tuple[str, float], ...]
@@ -106,8 +107,8 @@ def path_of(table, e, x):
 
 @kernel(inline=True)
 def wind_up(table, coordinates, kin, angle, e):
-    """(s, ds/dt, its gradients on the four bodies, how they change) of element e, whose table has the columns term, factor and harmonics;
-    the last is (dx_1/dt, dx_2/dt, the gradients of x_2, factor_2 path', factor_2 path'')."""
+    """(s, ds/dt, its gradients on the four bodies, how they change) of element e, whose table has the columns term,
+    factor and harmonics; the last is (dx_1/dt, dx_2/dt, the gradients of x_2, factor_2 path', factor_2 path'')."""
     k0 = table.term[e, 0]
     k1 = table.term[e, 1]
     x0, g0, g1 = evaluate_coordinate(coordinates, kin, k0, angle)
@@ -124,8 +125,8 @@ def wind_up(table, coordinates, kin, angle, e):
 
 @kernel(inline=True)
 def add_wind_up(table, coordinates, kin, e, rows, g, change, Q_1, Q_2, stiffness, damping, Kq, Kv):
-    """Add the tangents of forces factor_1 Q_1 and factor_2 path' Q_2 on the two coordinates, which act on the gradients `rows` and change
-    by -stiffness ds - damping d(ds/dt) there; g, change: of wind_up."""
+    """Add the tangents of forces factor_1 Q_1 and factor_2 path' Q_2 on the two coordinates, which act on the gradients
+    `rows` and change by -stiffness ds - damping d(ds/dt) there; g, change: of wind_up."""
     k0 = table.term[e, 0]
     k1 = table.term[e, 1]
     _, v1, own, second, bent = change

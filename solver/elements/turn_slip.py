@@ -1,13 +1,15 @@
-"""Turn slip of the Magic Formula 6.1: what the rotation of the contact patch about the road normal does to forces and moments.
+"""Turn slip of the Magic Formula 6.1: what the rotation of the contact patch about the road normal does to forces and
+moments.
 
-[P] = [Pacejka2012] 4.3.3, equations (4.75) to (4.106), in the axes of the .tir files (z up). With the turn slip phi_t = yaw rate/V
-and the part of the camber that acts like it, the spin is
+[P] = [Pacejka2012] 4.3.3, equations (4.75) to (4.106), in the axes of the .tir files (z up). With the turn slip phi_t =
+yaw rate/V and the part of the camber that acts like it, the spin is
 
     R0 phi = R0 phi_t + (1 - eps_gamma) sin(gamma)
 
-(4.76) for a freely rolling wheel, with R0 for the effective radius: a tire that leans and does not turn has the camber stiffnesses that it
-has without turn slip. In reverse the tire is its mirror image turned half round, so forces take phi with the sign of the speed and the
-spin moment without it; `twist` is R0 phi_t for forward rolling, and `forward` the smooth sign of the speed.
+(4.76) for a freely rolling wheel, with R0 for the effective radius: a tire that leans and does not turn has the camber
+stiffnesses that it has without turn slip. In reverse the tire is its mirror image turned half round, so forces take phi
+with the sign of the speed and the spin moment without it; `twist` is R0 phi_t for forward rolling, and `forward` the
+smooth sign of the speed.
 
 Without turn slip `parking_moment` is left of all this: what resists a wheel that is turned on the spot.
 """
@@ -64,7 +66,8 @@ def stiffness_factor(c, spin):
 
 @kernel(inner=True)
 def side_shift(c, spin, camber_stiffness, cornering_stiffness, dfz):
-    """S_Hy phi (4.80), (4.85) to (4.89). Stiffnesses K_y gamma 0, K_y alpha 0 [N/rad]: those at zero camber and spin."""
+    """S_Hy phi (4.80), (4.85) to (4.89). Stiffnesses K_y gamma 0, K_y alpha 0 [N/rad]: those at zero camber and
+    spin."""
     C = c[I.PHYP1]
     D = c[I.PHYP2] + c[I.PHYP3] * dfz
     B = camber_stiffness / ((1.0 - camber_reduction(c, dfz)) * C * D * cornering_stiffness)
@@ -110,9 +113,11 @@ def _without_side_slip(c, spin, gamma, D, Fz, dfz):
 
 @kernel(borrow=True)
 def parking_moment(c, twist, Fz, dfz, mu):
-    """D_r phi (4.92) to (4.99) [N m] of the twist R0 phi_t alone: no camber, no slip. mu: friction factor of the road [-]."""
+    """D_r phi (4.92) to (4.99) [N m] of the twist R0 phi_t alone: no camber, no slip. mu: friction factor of the road
+    [-]."""
     dpi = c[I.DPI]
-    D = (c[I.PDY1] + c[I.PDY2] * dfz) * (1.0 + c[I.PPY3] * dpi + c[I.PPY4] * dpi * dpi) * (c[I.LMUY] * mu) * Fz  # (4.E23)
+    # (4.E23)
+    D = (c[I.PDY1] + c[I.PDY2] * dfz) * (1.0 + c[I.PPY3] * dpi + c[I.PPY4] * dpi * dpi) * (c[I.LMUY] * mu) * Fz
     return _without_side_slip(c, twist, 0.0, D, Fz, dfz)[0]
 
 

@@ -13,11 +13,15 @@ import numpy as np
 
 from solver.units import MODEL_GRAVITY
 
-LOADS = np.linspace(0.2, 1.2, 21)  # of FNOMIN: loads of any use, where the law must hold; ten times is beyond any measurement
+# of FNOMIN: loads of any use, where the law must hold; ten times is beyond any measurement
+LOADS = np.linspace(0.2, 1.2, 21)
 WIDE = np.linspace(0.2, 2.0, 37)  # of FNOMIN: loads of hard use, where what is odd is told
 BEYOND = 3.0  # of FNOMIN: loads up to which what changes its sign is told where the file states no FZMAX
-FASTEST = 16.0  # Froude number of the reference speed, v over sqrt(g R0): 28 m/s of a wheel of 0.3 m; ten times is no road speed
-SMALL_TIRE = 0.2  # radius [m] below which lengths that smooth or bound the contact, and speeds of standstill (Froude), shrink with the tire
+# Froude number of the reference speed, v over sqrt(g R0): 28 m/s of a wheel of 0.3 m; ten times is no road speed
+FASTEST = 16.0
+# radius [m] below which lengths that smooth or bound the contact, and speeds of standstill (Froude), shrink with the
+# tire
+SMALL_TIRE = 0.2
 
 
 def small_tire(radius: float) -> float:
@@ -95,7 +99,8 @@ class UprightLaw:
         return -d['PKY1'] * d['LFZO'] * (1.0 + d['PPY1'] * self.dpi) * d['LKY'] * crest / load
 
     def curve(self, axis: str, slip: np.ndarray) -> np.ndarray:
-        """Force over load at FNOMIN, upright, against the slip as it drives: positive for positive slip (4.E9), (4.E19)."""
+        """Force over load at FNOMIN, upright, against the slip as it drives: positive for positive slip (4.E9),
+        (4.E19)."""
         d, A = self.data, axis.upper()
         one = np.array([1.0])
         dfz, mu, K = (float(f[0]) for f in (self.dfz(one), self.friction(axis, one), self.stiffness(axis, one)))

@@ -1,4 +1,5 @@
-"""Engines: what moves a scene. A Simulation keeps time, inputs and totals, and drives one of them through this contract.
+"""Engines: what moves a scene. A Simulation keeps time, inputs and totals, and drives one of them through this
+contract.
 
 | engine | step | state |
 |---|---|---|
@@ -6,7 +7,8 @@
 | solver.reference.engine | an independent integrator | solver.engine.bodies |
 | solver.levels.single_track_engine | solver.levels.track_step | its own |
 
-One that steps many vehicles at once stands beside them: a fourth file, behind the same contract, with a Simulation for every vehicle.
+One that steps many vehicles at once stands beside them: a fourth file, behind the same contract, with a Simulation for
+every vehicle.
 """
 
 from __future__ import annotations
@@ -51,13 +53,15 @@ class Shown(Protocol):
         """Motion of the vehicle that a driver sees now."""
 
     def place(self, x: float, y: float, heading: float) -> None:
-        """Move the vehicle to x, y [m] with a heading [rad]; Engine.begin() follows. Raises SpecError where it cannot stand there."""
+        """Move the vehicle to x, y [m] with a heading [rad]; Engine.begin() follows. Raises SpecError where it cannot
+        stand there."""
 
     def last_step(self) -> LastStep:
         """Data that the last step worked with."""
 
     def describe(self, u: np.ndarray) -> dict[str, Any]:
-        """Counts, degrees of freedom and what else there is to say of the model, at the present state under the inputs u (nu,)."""
+        """Counts, degrees of freedom and what else there is to say of the model, at the present state under the inputs
+        u (nu,)."""
 
     def urdf(self, joints: Mapping[str, float], pose: np.ndarray) -> str:
         """The model as URDF (solver.files.urdf), with these coordinates [rad or m] and body poses (nb, 7)."""
@@ -69,8 +73,8 @@ class Shown(Protocol):
 class Engine(Protocol):
     """The state of a scene and its step. Made with the scene, and without a state until start().
 
-    All arrays of inputs are (nu,) or (n, nu), in the order of channels.inputs. A step has the length of the scene's grid, integrator.h.
-    Every refusal is a SpecError of one sentence.
+    All arrays of inputs are (nu,) or (n, nu), in the order of channels.inputs. A step has the length of the scene's
+    grid, integrator.h. Every refusal is a SpecError of one sentence.
     """
 
     stage: float  # instant of a step at which its inputs are sampled: 0 at its beginning, 1 at its end
@@ -90,16 +94,19 @@ class Engine(Protocol):
         """Back to the state that start() found, bit for bit."""
 
     def begin(self, k: int, u: np.ndarray) -> None:
-        """Go on from the present state as step k: it is shown, the account begins, and so does what an integrator remembers."""
+        """Go on from the present state as step k: it is shown, the account begins, and so does what an integrator
+        remembers."""
 
     def show(self, k: int, u: np.ndarray) -> None:
         """Show the present state as step k; the account goes on."""
 
     def advance(self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray) -> Moved:
-        """n steps from step k on, with a row of inputs each; a single row holds for all. last (nu,): becomes the inputs of the last step.
+        """n steps from step k on, with a row of inputs each; a single row holds for all. last (nu,): becomes the inputs
+        of the last step.
 
-        audit: keep the energy account, and look for branch switches where the scene asks for them. After a failure the state is that of
-        the last good step. Fewer steps than asked for, without a failure, are done when somebody asks for an end.
+        audit: keep the energy account, and look for branch switches where the scene asks for them. After a failure the
+        state is that of the last good step. Fewer steps than asked for, without a failure, are done when somebody asks
+        for an end.
         """
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -110,7 +117,8 @@ class Engine(Protocol):
         of another model."""
 
     def reached(self) -> dict[str, tuple[float, float | None]]:
-        """Quantities that the limits of a level are about -> the largest value so far, and its time [s] where it has one."""
+        """Quantities that the limits of a level are about -> the largest value so far, and its time [s] where it has
+        one."""
 
     def totals(self, k: int) -> dict[str, Any]:
         """Substeps, rejected attempts, smallest step [s], events and, if watched, branch switches, until step k."""

@@ -1,4 +1,5 @@
-"""The state of a model of bodies, its start, and what of it is shown: the common part of the engines that move bodies."""
+"""The state of a model of bodies, its start, and what of it is shown: the common part of the engines that move
+bodies."""
 
 from __future__ import annotations
 
@@ -42,8 +43,9 @@ from solver.vehicle.size import scale_of
 class Bodies:
     """Model, state and outputs of a scene of bodies (solver.engine.Shown). Raises SpecError or SceneError.
 
-    states: the current one, and room for the next. scheme: the settings of the step as it takes them. branches: looks for branch switches
-    where the scene asks for them. rescued: branch switches across steps that failed and were divided.
+    states: the current one, and room for the next. scheme: the settings of the step as it takes them. branches: looks
+    for branch switches where the scene asks for them. rescued: branch switches across steps that failed and were
+    divided.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -60,7 +62,8 @@ class Bodies:
         self.numbers = new_numbers(self.layout)
         frame = output_arrays(self.numbers, self.layout)
         self.work = new_work(self.model, new_saddle(self.model, values.form), self.outputs, frame)
-        shapes = (*(Ref(new_state(self.model)) for _ in range(2)), np.zeros(len(scene.model.inputs)))  # what a step is compiled for
+        # what a step is compiled for
+        shapes = (*(Ref(new_state(self.model)) for _ in range(2)), np.zeros(len(scene.model.inputs)))
         self.step_arguments = self.model.tables, Ref(values), *shapes
         values = values._replace(step=address_of(perform, *self.step_arguments, True, self.work))
         if values.coupled or values.full:
@@ -91,7 +94,8 @@ class Bodies:
         return cast(Account, self.work.account)
 
     def start(self, u: np.ndarray, explain: Callable[[StepResult], str]) -> Changes:
-        """Find the consistent state at t = 0 and keep it. explain: says why a step that seeks it failed. Raises ConsistencyError."""
+        """Find the consistent state at t = 0 and keep it. explain: says why a step that seeks it failed. Raises
+        ConsistencyError."""
         values = cast(Scheme, self.scheme.value)
         conditions = InitialConditions(
             self.scene, self.model, self.states, values, u, chassis=self.chassis, work=self.work, explain=explain
@@ -103,7 +107,8 @@ class Bodies:
         return found
 
     def start_like(self, other: Bodies, u: np.ndarray) -> None:
-        """Take the start that other bodies of the same model have found; the integrator begins from it with the step of these."""
+        """Take the start that other bodies of the same model have found; the integrator begins from it with the step of
+        these."""
         values = cast(Scheme, self.scheme.value)
         copy_state(other._consistent, self._consistent)
         copy_state(other._consistent, self.state)
@@ -148,7 +153,9 @@ class Bodies:
     def collect(self, u: np.ndarray) -> None:
         """Show the current state and the outputs that were evaluated last."""
         w = self.work
-        collect(self.model.tables, w.chassis, self.kin, w.a_out, w.lam_out, u, self.states[0], self.outputs, self._frame)
+        collect(
+            self.model.tables, w.chassis, self.kin, w.a_out, w.lam_out, u, self.states[0], self.outputs, self._frame
+        )
 
     def look(self, t: float) -> None:
         """Look for a branch switch at time t [s], where the scene asks for it."""
@@ -157,12 +164,13 @@ class Bodies:
 
     @property
     def switches(self) -> list[BranchSwitch]:
-        """Branch switches so far: all of them if the scene asks for that, else those across steps that failed and were divided."""
+        """Branch switches so far: all of them if the scene asks for that, else those across steps that failed and were
+        divided."""
         return self.rescued if self.branches is None else self.branches.events
 
     def place(self, x: float, y: float, heading: float) -> None:
-        """Move everything so that the chassis stands at x, y [m] with a heading [rad]. Raises SpecError for a model that is connected to
-        the world, on a road that is not the same everywhere, and for a place too far off."""
+        """Move everything so that the chassis stands at x, y [m] with a heading [rad]. Raises SpecError for a model
+        that is connected to the world, on a road that is not the same everywhere, and for a place too far off."""
         require_free(self.scene.model)
         require_near(x, y)
         displace(self.state, self.sight(), (x, y, heading))
@@ -172,9 +180,11 @@ class Bodies:
         return sight(self.state.q[self.chassis], self.state.v[self.chassis], self.model.spec.bodies[self.chassis].com)
 
     def failure(self, result: StepResult, when: str, u: np.ndarray | None = None) -> str:
-        """Why a step failed, in one sentence that begins with `when`. u (nu,): the inputs of that step, where a driver may have asked for
-        more than the mechanism can do."""
-        why = beyond_reach(self.model, self.state, u, self.h) if u is not None and result.status == NOT_CONVERGED else ''
+        """Why a step failed, in one sentence that begins with `when`. u (nu,): the inputs of that step, where a driver
+        may have asked for more than the mechanism can do."""
+        why = (
+            beyond_reach(self.model, self.state, u, self.h) if u is not None and result.status == NOT_CONVERGED else ''
+        )
         if why:
             return f'{when}: {why}'
         return sentence(self.model, self.scene.integrator, self.scheme, self.state, self.work, result, when)
@@ -222,4 +232,11 @@ class Bodies:
 
     def nbytes(self) -> int:
         """Memory of the tables of the model, of the scratch of a step and of a state."""
-        return nbytes((self.model.tables.value, *(table.value for table in self.model.elements.values()), self.work.value, self.state))
+        return nbytes(
+            (
+                self.model.tables.value,
+                *(table.value for table in self.model.elements.values()),
+                self.work.value,
+                self.state,
+            )
+        )

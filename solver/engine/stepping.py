@@ -34,12 +34,16 @@ class Stepping:
 
     def __init__(self, scene: Scene) -> None:
         if scene.integrator.kind not in KINDS:
-            raise SpecError(f'integrator: kind = {scene.integrator.kind!r}: this engine knows {", ".join(KINDS)}; use simulation_of(scene)')
+            raise SpecError(
+                f'integrator: kind = {scene.integrator.kind!r}: this engine knows {", ".join(KINDS)}; use '
+                'simulation_of(scene)'
+            )
         self.scene = scene
         self.shown = bodies = Bodies(scene)
         self._h, self._tables = bodies.h, bodies.model.tables
         settings = bodies.settings
-        # A force-like input is held over the interval of the grid: with steps of any size inside, its mean is what matters.
+        # A force-like input is held over the interval of the grid: with steps of any size inside, its mean is what
+        # matters.
         hold = 0.5 if settings.step_policy == 'error' else bodies.scheme.af
         self.stage = 1.0 - hold
         self.adaptation: Adaptation | None = None
@@ -49,7 +53,9 @@ class Stepping:
                 require_resolved_friction(self.shown.model, settings.h)
                 require_resolved_bushings(self.shown.model, settings.h)
                 masses = Ref(new_saddle(self.shown.model, CONDENSED))
-                fourth = address_of(extrapolate, self.shown.model.tables, masses, *bodies.step_arguments[2:], True, True, bodies.work)
+                fourth = address_of(
+                    extrapolate, self.shown.model.tables, masses, *bodies.step_arguments[2:], True, True, bodies.work
+                )
             self.adaptation = Adaptation(self.shown.model, settings, bodies.scheme, bodies.work, hold, fourth)
 
     def start(self, u: np.ndarray) -> Changes:
@@ -96,7 +102,9 @@ class Stepping:
                     bodies.states, inputs, done, part, k + done, audit, lambda k: self._look_at_rescue(k, last)
                 )
             else:
-                result, steps = advance(self._tables, bodies.scheme, *bodies.states, inputs, done, part, audit, bodies.work)
+                result, steps = advance(
+                    self._tables, bodies.scheme, *bodies.states, inputs, done, part, audit, bodies.work
+                )
                 if steps % 2 == 1:
                     bodies.states.reverse()
             done += steps
@@ -104,7 +112,9 @@ class Stepping:
                 last[:] = inputs if held else inputs[done - 1]
             total = result.counters if total is NO_STEPS else total.followed_by(result.counters)
             if result.status != OK:
-                return Moved(done, total, bodies.failure(result, instant(self.scene, k + done), inputs[0 if held else done]))
+                return Moved(
+                    done, total, bodies.failure(result, instant(self.scene, k + done), inputs[0 if held else done])
+                )
             if steps < part:  # somebody asks for an end
                 self.show(k + done, last)
                 break
@@ -113,7 +123,8 @@ class Stepping:
         return Moved(done, total)
 
     def _look_at_rescue(self, k: int, u: np.ndarray) -> None:
-        """Note whether the steps that replaced one that failed, up to step k of the grid, left on another branch than they came."""
+        """Note whether the steps that replaced one that failed, up to step k of the grid, left on another branch than
+        they came."""
         assert self.adaptation is not None
         bodies = self.shown
         turn = turn_across(self.shown.model, self.adaptation.values.begin, bodies.state, u, self._h, bodies.work.J_end)
@@ -130,7 +141,8 @@ class Stepping:
         adapted = 'adaptation' in saved and not is_idle(dict(saved), self._h, self.shown.scheme.penalty)
         if self.adaptation is None and adapted:
             raise SpecError(
-                'restore: the state was saved while step or penalties were not those of the setting; set integrator.step_policy and '
+                'restore: the state was saved while step or penalties were not those of the setting; set '
+                'integrator.step_policy and '
                 'penalty_policy as they were'
             )
         bodies = self.shown.fit(saved)

@@ -1,4 +1,5 @@
-"""Catalogue of what can be named: scenes, vehicles, maneuvers, ... on the path on which load_scene() looks for them, a line each."""
+"""Catalogue of what can be named: scenes, vehicles, maneuvers, ... on the path on which load_scene() looks for them, a
+line each."""
 
 from __future__ import annotations
 
@@ -21,7 +22,9 @@ KINDS = {
     'mechanisms': ('mechanisms', '.yaml'),
     'sweeps': ('sweeps', '.yaml'),
 }
-MOST = 65536  # characters of a file that are read: the comment and the title stand at its head; ten times as much would slow big files
+# characters of a file that are read: the comment and the title stand at its head; ten times as much would slow big
+# files
+MOST = 65536
 TITLE = re.compile(r'title:[ \t]+(.*)')
 COMMENT = re.compile(r'[#!$]+[ \t]?(.*)')
 OF_TIRE = re.compile(r'!\s*:\s*COMMENT\s*:\s*(\S.*)')  # in the header of tire files that Adams writes
@@ -32,7 +35,8 @@ SENTENCE_END = re.compile(r'(?<=[.!?])\s+(?=[A-Z`\[])')
 
 
 class Entry(NamedTuple):
-    """A file that has a name. text: what it is, in its own words; '' where it does not say. include: as scenes include it."""
+    """A file that has a name. text: what it is, in its own words; '' where it does not say. include: as scenes include
+    it."""
 
     name: str
     text: str
@@ -41,7 +45,8 @@ class Entry(NamedTuple):
 
 
 def files(kind: str) -> dict[str, Path]:
-    """Name -> file of a kind, a key of KINDS. Of two files with one name the one that load_scene() finds, in the first directory."""
+    """Name -> file of a kind, a key of KINDS. Of two files with one name the one that load_scene() finds, in the first
+    directory."""
     folder, ending = KINDS[kind]
     found: dict[str, Path] = {}
     for root in config_directories():
@@ -64,7 +69,9 @@ def described(file: Path) -> str:
     except OSError as error:
         return f'cannot be read: {error.strerror or error}'
     title = next((match[1] for line in lines if (match := TITLE.fullmatch(line))), '')
-    written = next((match[1] for line in lines if (match := OF_TIRE.fullmatch(line))), '') if file.suffix == '.tir' else ''
+    written = (
+        next((match[1] for line in lines if (match := OF_TIRE.fullmatch(line))), '') if file.suffix == '.tir' else ''
+    )
     return _plain(title) or written.strip() or _first_sentence(lines)
 
 

@@ -19,7 +19,8 @@ import numpy as np
 from solver.errors import SceneError, suggestion
 from solver.files.raster import content_of
 
-FORMS = {'LRFI': (10, 8, ''), 'LDFI': (20, 4, ''), 'KRBI': (0, 0, '>f4'), 'KDBI': (0, 0, '>f8')}  # width, per line; or type
+# width, per line; or type
+FORMS = {'LRFI': (10, 8, ''), 'LDFI': (20, 4, ''), 'KRBI': (0, 0, '>f4'), 'KDBI': (0, 0, '>f8')}
 DEFAULT_FORM = 'KRBI'
 LARGEST_FILE = 1 << 30  # [bytes]: 100 million numbers in text
 LARGEST_TABLE = 64_000_000  # numbers
@@ -38,17 +39,21 @@ ROAD = (
     *(f'reference_line_{end}_{what}' for end in ('start', 'end') for what in _LINE), 'reference_line_increment',
     *(f'long_section_v_{what}' for what in ('right', 'left', 'increment')),
 )  # fmt: skip
-GEODETIC = tuple(f'reference_line_{end}_{what}' for end in ('start', 'end') for what in ('lon', 'lat', 'alt'))  # informative
+# informative
+GEODETIC = tuple(f'reference_line_{end}_{what}' for end in ('start', 'end') for what in ('lon', 'lat', 'alt'))
 GLOBAL = tuple(f'reference_line_offset_{what}' for what in ('x', 'y', 'z', 'phi'))  # of the map, not of the road
 OPTIONS = (
     'border_mode_u', 'border_mode_v', 'border_offset_u', 'border_offset_v', 'border_smooth_ubeg', 'border_smooth_uend',
     'refline_continuation',
 )  # fmt: skip
-NO_HEIGHTS = ('refline_search_', 'warn_', 'log_', 'check_')  # options of how a program looks for places, and what it tells
+# options of how a program looks for places, and what it tells
+NO_HEIGHTS = ('refline_search_', 'warn_', 'log_', 'check_')
 MODIFIERS = (
-    *(f'scale_{what}' for what in ('z_grid', 'slope', 'banking', 'length', 'width', 'curvature')), 'grid_nan_mode', 'grid_nan_offset',
+    *(f'scale_{what}' for what in ('z_grid', 'slope', 'banking', 'length', 'width', 'curvature')), 'grid_nan_mode',
+    'grid_nan_offset',
     *(f'refline_{what}' for what in ('rotcenter_x', 'rotcenter_y', 'offset_phi', 'offset_x', 'offset_y', 'offset_z')),
-    *(f'refpoint_{what}' for what in ('u', 'u_fraction', 'u_offset', 'v', 'v_fraction', 'v_offset', 'x', 'y', 'z', 'phi')),
+    *(f'refpoint_{what}' for what in ('u', 'u_fraction', 'u_offset', 'v', 'v_fraction', 'v_offset', 'x', 'y', 'z',
+    'phi')),
 )  # fmt: skip
 CHOICES = {'border_mode_u': 5, 'border_mode_v': 5, 'refline_continuation': 2, 'grid_nan_mode': 3}  # whole numbers below
 
@@ -73,7 +78,14 @@ class Crg:
 
     def refusal(self, key: str, remedy: str) -> SceneError:
         """The error sentence about an entry."""
-        value = next((f'{entries[key]:.12g}' for entries in (self.road, self.options, self.modifiers) if entries and key in entries), '?')
+        value = next(
+            (
+                f'{entries[key]:.12g}'
+                for entries in (self.road, self.options, self.modifiers)
+                if entries and key in entries
+            ),
+            '?',
+        )
         return SceneError(f'{self.where.get(key, self.path)}: {key} = {value}: {remedy}')
 
 
@@ -105,7 +117,9 @@ def _sections(path: Path, crg: Crg, above: tuple[Path, ...]) -> None:
         line = data[at:end].decode('latin-1').rstrip('\r')
         at, number = end + 1, number + 1
         if number > MOST_LINES:
-            raise SceneError(f'{path}: not readable as OpenCRG: it has no data (a line that begins with $$$$) in {MOST_LINES} lines')
+            raise SceneError(
+                f'{path}: not readable as OpenCRG: it has no data (a line that begins with $$$$) in {MOST_LINES} lines'
+            )
         if line.startswith('$') and not (section == 'ROAD_CRG_FILE' and _NAMES_FILE.match(line)):
             if section == 'ROAD_CRG_FILE':
                 _include(path, named, crg, above)
@@ -119,7 +133,8 @@ def _sections(path: Path, crg: Crg, above: tuple[Path, ...]) -> None:
             if own.get(section):
                 if begun.setdefault(section, number) != number:
                     crg.notes.append(
-                        f'{path.name}:{number}: the section ${section} is given twice: that of line {begun[section]} is dropped'
+                        f'{path.name}:{number}: the section ${section} is given twice: that of line {begun[section]} '
+                        'is dropped'
                     )
                     begun[section] = number
                 if section == 'ROAD_CRG_OPTS':
@@ -155,7 +170,9 @@ def _entry(place: str, line: str, entries: dict[str, float], known: tuple[str, .
     if key in GEODETIC or (known is OPTIONS and key.startswith(NO_HEIGHTS)):
         return
     if key not in known and not (known is ROAD and key in GLOBAL):
-        raise SceneError(f'{place}: {match[1]} = {text}: is no key of this section of OpenCRG 1.2{suggestion(key, known)}')
+        raise SceneError(
+            f'{place}: {match[1]} = {text}: is no key of this section of OpenCRG 1.2{suggestion(key, known)}'
+        )
     value = _number(place, match[1], text)
     if key in CHOICES and value not in range(CHOICES[key]):
         raise SceneError(f'{place}: {match[1]} = {text}: must be one of {", ".join(map(str, range(CHOICES[key])))}')
@@ -164,7 +181,9 @@ def _entry(place: str, line: str, entries: dict[str, float], known: tuple[str, .
             crg.notes.append(f'{key} = {value:.12g} is of the map and moves nothing here, as in the library of ASAM')
         return
     if key in entries:
-        crg.notes.append(f'{match[1]} is given twice: {value:.12g} of {place} counts, not {entries[key]:.12g} of {crg.where[key]}')
+        crg.notes.append(
+            f'{match[1]} is given twice: {value:.12g} of {place} counts, not {entries[key]:.12g} of {crg.where[key]}'
+        )
     entries[key] = value
     crg.where[key] = place
 
@@ -174,10 +193,14 @@ def _definition(place: str, line: str, crg: Crg) -> None:
     kind, rest = line[:2].upper(), line[2:].strip()
     if kind == '#:':
         if '#:' in crg.where:
-            crg.notes.append(f'the form of the numbers is given twice: {rest} of {place} counts, not {crg.form} of {crg.where["#:"]}')
+            crg.notes.append(
+                f'the form of the numbers is given twice: {rest} of {place} counts, not {crg.form} of {crg.where["#:"]}'
+            )
         crg.form, crg.where['#:'] = rest.upper()[:4], place
         if crg.form not in FORMS:
-            raise SceneError(f'{place}: data of the form {rest or "none"} are not supported; allowed: {", ".join(FORMS)}')
+            raise SceneError(
+                f'{place}: data of the form {rest or "none"} are not supported; allowed: {", ".join(FORMS)}'
+            )
     elif kind == 'D:':
         crg.channels.append(rest.split(',')[0].strip().lower())
         crg.where[f'D:{len(crg.channels)}'] = place
@@ -200,7 +223,9 @@ def _number(place: str, key: str, text: str) -> float:
 def _include(path: Path, named: list[tuple[str, str]], crg: Crg, above: tuple[Path, ...]) -> None:
     """Read what a section $ROAD_CRG_FILE names: one file whose name may stand in several lines, or one file a line."""
     if not named:
-        raise SceneError(f'{path}: the section $ROAD_CRG_FILE names no file (a word behind a $ in the first column begins a section)')
+        raise SceneError(
+            f'{path}: the section $ROAD_CRG_FILE names no file (a word behind a $ in the first column begins a section)'
+        )
     names = [_VARIABLE.sub(partial(_environment, place), text) for place, text in named]
     whole = [(named[0][0], ''.join(names))]
     each = list(zip((place for place, _ in named), names, strict=True))
@@ -241,7 +266,9 @@ def sections_of(crg: Crg) -> tuple[list[int], np.ndarray]:
         numbers = [match[1] for k in columns if k not in at and (match := _NUMBER.match(crg.channels[k]))]
         if numbers != [str(k + 1) for k in range(len(columns))]:
             place = crg.where[f'D:{columns[0] + 1}']
-            raise SceneError(f'{place}: long sections must be given all by v, or all by the numbers 1, 2, ... in this order')
+            raise SceneError(
+                f'{place}: long sections must be given all by v, or all by the numbers 1, 2, ... in this order'
+            )
         v = _even(crg, len(columns))
     order = np.argsort(v, kind='stable')
     if np.diff(v[order]).min() < 1e-6:
@@ -251,18 +278,23 @@ def sections_of(crg: Crg) -> tuple[list[int], np.ndarray]:
 
 
 def _even(crg: Crg, count: int) -> np.ndarray:
-    """Distances of numbered sections, by those two of border and increment that are given; symmetric where only the increment is."""
+    """Distances of numbered sections, by those two of border and increment that are given; symmetric where only the
+    increment is."""
     given = [crg.road.get(f'long_section_v_{what}') for what in ('right', 'left', 'increment')]
     right, left, step = given
     if step is None and right is not None and left is not None:
         step = (left - right) / (count - 1)
     if step is None or not step > 0.0:
         raise SceneError(
-            f'{crg.source}: the distances of the long sections must be given: LONG_SECTION_V_RIGHT and LONG_SECTION_V_INCREMENT'
+            f'{crg.source}: the distances of the long sections must be given: LONG_SECTION_V_RIGHT and '
+            'LONG_SECTION_V_INCREMENT'
         )
     if right is None:
         if left is None:
-            crg.notes.append('its sections, without LONG_SECTION_V_RIGHT, lie symmetrically; the library of ASAM begins them at v = 0')
+            crg.notes.append(
+                'its sections, without LONG_SECTION_V_RIGHT, lie symmetrically; the library of ASAM begins them at v = '
+                '0'
+            )
         right = left - step * (count - 1) if left is not None else -0.5 * step * (count - 1)
     if left is not None and abs(right + step * (count - 1) - left) > 0.5 * step:
         remedy = f'{count} sections from {right:g} m on, {step:g} m apart, end at {right + step * (count - 1):g} m'
@@ -271,17 +303,23 @@ def _even(crg: Crg, count: int) -> np.ndarray:
 
 
 def table_of(crg: Crg) -> np.ndarray:
-    """The numbers, one row per place along the line and one column per channel; missing ones are NaN. Raises SceneError."""
+    """The numbers, one row per place along the line and one column per channel; missing ones are NaN. Raises
+    SceneError."""
     assert crg.data is not None
     expected = _expected_rows(crg)
     if not crg.channels:
         raise SceneError(f'{crg.source}: has 0 long sections: must have two or more')
     found = _binary(crg, expected) if FORMS[crg.form][2] else _text(crg)
     if len(found) < expected - 1:  # the end may lie between two rows
-        raise SceneError(f'{crg.source}: has {len(found)} rows instead of {expected}, up to reference_line_end_u: it was cut off')
+        raise SceneError(
+            f'{crg.source}: has {len(found)} rows instead of {expected}, up to reference_line_end_u: it was cut off'
+        )
     if len(found) < 2:
         raise SceneError(f'{crg.source}: has {len(found)} rows of {len(crg.channels)} numbers: must have two or more')
-    largest = max((float(np.nanmax(np.abs(part), initial=0.0)) for part in np.array_split(found, len(found) // 100_000 + 1)), default=0.0)
+    largest = max(
+        (float(np.nanmax(np.abs(part), initial=0.0)) for part in np.array_split(found, len(found) // 100_000 + 1)),
+        default=0.0,
+    )
     if not largest <= 1e6:
         raise SceneError(f'{crg.source}: has numbers beyond 1e6: the file is damaged, or has another byte order')
     return found
@@ -295,7 +333,8 @@ def _expected_rows(crg: Crg) -> int:
     rows = (end - start) / crg.road['reference_line_increment'] + 1.0
     if not 1.0 <= rows <= LARGEST_TABLE:
         raise crg.refusal(
-            'reference_line_end_u', f'{rows:.3g} rows from reference_line_start_u = {start:g} on: must be between 2 and {LARGEST_TABLE}'
+            'reference_line_end_u',
+            f'{rows:.3g} rows from reference_line_start_u = {start:g} on: must be between 2 and {LARGEST_TABLE}',
         )
     return round(rows)
 
@@ -316,7 +355,9 @@ def _binary(crg: Crg, expected: int) -> np.ndarray:
 
 def _require_room(crg: Crg, numbers: int) -> None:
     if numbers > LARGEST_TABLE:
-        raise SceneError(f'{crg.source}: {numbers} numbers are too many (at most {LARGEST_TABLE}): give a part of the road')
+        raise SceneError(
+            f'{crg.source}: {numbers} numbers are too many (at most {LARGEST_TABLE}): give a part of the road'
+        )
 
 
 ALLOWED = np.zeros(256, bool)
@@ -337,10 +378,14 @@ def _text(crg: Crg) -> np.ndarray:
     for j, (k, line) in enumerate(lines):
         fits = width * lengths[j % lines_of_row]
         if len(line) > fits:
-            remedy = f'has {len(line)} characters instead of {fits}: {width} for each of {lengths[j % lines_of_row]} numbers'
+            remedy = (
+                f'has {len(line)} characters instead of {fits}: {width} for each of {lengths[j % lines_of_row]} numbers'
+            )
             raise SceneError(f'{crg.source}:{k}: {remedy}')
     if rest := len(lines) % lines_of_row:
-        raise SceneError(f'{crg.source}:{lines[-1][0]}: the last row has {rest} lines of {lines_of_row}: it was cut off')
+        raise SceneError(
+            f'{crg.source}:{lines[-1][0]}: the last row has {rest} lines of {lines_of_row}: it was cut off'
+        )
     text = b''.join(line.ljust(width * lengths[j % lines_of_row]) for j, (_, line) in enumerate(lines))
     cells = np.frombuffer(text, np.uint8).reshape(-1, width)
     starred = (cells == ord('*')).any(axis=1)
@@ -359,7 +404,10 @@ def _text(crg: Crg) -> np.ndarray:
         cell = int(np.flatnonzero(wrong)[0])
         at = lines[cell // columns * lines_of_row + cell % columns // per_line][0]
         shown = bytes(words[cell]).decode('latin-1').strip() or 'nothing'
-        raise SceneError(f'{crg.source}:{at}: column {cell % columns + 1} ({crg.channels[cell % columns]}) = {shown}: must be a number')
+        raise SceneError(
+            f'{crg.source}:{at}: column {cell % columns + 1} ({crg.channels[cell % columns]}) = {shown}: must be a '
+            'number'
+        )
     return numbers.reshape(rows, columns)
 
 

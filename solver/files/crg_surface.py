@@ -99,7 +99,8 @@ def fields_of(crg: Crg, table: np.ndarray) -> dict[str, Any]:
     if apart > STEP:
         u, v = arrays['frame'][0] + row * s.du, arrays['v'][0] + column * arrays['frame'][3]
         crg.notes.append(
-            f'between its heights the road is smooth, where the library of ASAM is bilinear: they differ by up to {apart:.2g} m, '
+            'between its heights the road is smooth, where the library of ASAM is bilinear: they differ by up to '
+            f'{apart:.2g} m, '
             f'at u = {u:.6g} m, v = {v:.4g} m'
         )
     return {'kind': 'curved_grid', 'sha256': digest, 'file': str(crg.path), 'notes': tuple(crg.notes)}
@@ -110,7 +111,9 @@ def _channel(crg: Crg, table: np.ndarray, word: str, first: int) -> np.ndarray |
 
     Raises SceneError if a number from row `first` on is missing.
     """
-    found = [k for k, name in enumerate(crg.channels) if name.startswith('reference line') and name.split()[2:3] == [word]]
+    found = [
+        k for k, name in enumerate(crg.channels) if name.startswith('reference line') and name.split()[2:3] == [word]
+    ]
     if not found:
         return None
     values = table[:, found[0]].astype(float)
@@ -127,10 +130,17 @@ def _surface(crg: Crg, table: np.ndarray, modifiers: dict[str, float]) -> _Surfa
     known = {'phi', 'slope', 'banking'}
     for k, name in enumerate(crg.channels):
         words = name.split()
-        if words[:2] == ['reference', 'line'] and words[2:3] and words[2] in ('u', 'x', 'y') and 'reference line phi' not in crg.channels:
+        if (
+            words[:2] == ['reference', 'line']
+            and words[2:3]
+            and words[2] in ('u', 'x', 'y')
+            and 'reference line phi' not in crg.channels
+        ):
             remedy = 'is not the line of an OpenCRG 1.2 file: give the headings, D:reference line phi,rad'
             raise SceneError(f'{crg.where[f"D:{k + 1}"]}: {name}: {remedy}')
-        if not name.startswith('long section') and not (words[:2] == ['reference', 'line'] and words[2:3] and words[2] in known):
+        if not name.startswith('long section') and not (
+            words[:2] == ['reference', 'line'] and words[2:3] and words[2] in known
+        ):
             crg.notes.append(f'the channel {name!r} is not used')
     road = crg.road
     first, du = road.get('reference_line_start_u', 0.0), road['reference_line_increment']
@@ -165,7 +175,8 @@ def _surface(crg: Crg, table: np.ndarray, modifiers: dict[str, float]) -> _Surfa
     z, has_z = _profile(crg, len(table), du, slope, start_s, ends['z'])
     places = _line(road, len(table), du, heading, phi, ends)
     return _Surface(
-        crg=crg, first=first, du=du, heading=heading, phi=phi, z=z, bank=bank, v=v, grid=grid, options=crg.options or {}, places=places,
+        crg=crg, first=first, du=du, heading=heading, phi=phi, z=z, bank=bank, v=v, grid=grid,
+        options=crg.options or {}, places=places,
         has_z=has_z or 'reference_line_start_z' in road,
     )  # fmt: skip
 
@@ -196,7 +207,9 @@ def _fill(crg: Crg, grid: np.ndarray, modifiers: dict[str, float]) -> None:
     grid[rows] = part
 
 
-def _profile(crg: Crg, count: int, du: float, slope: np.ndarray | None, start_s: float, end: float | None) -> tuple[np.ndarray, bool]:
+def _profile(
+    crg: Crg, count: int, du: float, slope: np.ndarray | None, start_s: float, end: float | None
+) -> tuple[np.ndarray, bool]:
     """(heights of the line [m], whether they are integrated from slopes) (calcRefLineZ).
 
     start_s: constant slope where there is no column of slopes. end: height that the file gives at the end [m], or None.
@@ -204,7 +217,10 @@ def _profile(crg: Crg, count: int, du: float, slope: np.ndarray | None, start_s:
     start = crg.road.get('reference_line_start_z', 0.0)
     if slope is None and start_s == 0.0:
         if end is not None and abs(end - start) > STEP:
-            note = f'reference_line_end_z = {end:g} without a slope: the line stays at {start:g} m, as in the library of ASAM'
+            note = (
+                f'reference_line_end_z = {end:g} without a slope: the line stays at {start:g} m, as in the library '
+                'of ASAM'
+            )
             crg.notes.append(note)
         return np.full(count, start), False
     rise = (slope[1:] if slope is not None else np.full(count - 1, start_s)) * du
@@ -294,8 +310,14 @@ def _transform(s: _Surface, modifiers: dict[str, float]) -> None:
     # refpoint_u_offset and refpoint_v_offset alone do not move a road
     by_point = [key for key in modifiers if key.startswith('refpoint_') and not key.endswith('_offset')]
     for of, fraction in (('u', 'refpoint_u_fraction'), ('v', 'refpoint_v_fraction')):
-        if f'refpoint_{of}_offset' in modifiers and modifiers[f'refpoint_{of}_offset'] != 0.0 and fraction not in modifiers:
-            raise s.crg.refusal(f'refpoint_{of}_offset', f'has an effect beside {fraction.upper()} only: give that, too')
+        if (
+            f'refpoint_{of}_offset' in modifiers
+            and modifiers[f'refpoint_{of}_offset'] != 0.0
+            and fraction not in modifiers
+        ):
+            raise s.crg.refusal(
+                f'refpoint_{of}_offset', f'has an effect beside {fraction.upper()} only: give that, too'
+            )
     if by_point:
         u, v = modifiers.get('refpoint_u', s.first), modifiers.get('refpoint_v', 0.0)
         if (part := modifiers.get('refpoint_u_fraction')) is not None:
@@ -407,15 +429,23 @@ def _columns(s: _Surface) -> float:
 def _arrays(s: _Surface) -> dict[str, np.ndarray]:
     """The road as arrays of a curved grid (solver.elements.curved_grid), continued beyond its borders."""
     if s.grid.size > MOST_NODES:
-        raise SceneError(f'{s.crg.source}: {s.grid.size} heights are too many (at most {MOST_NODES}): give a part of the road')
+        raise SceneError(
+            f'{s.crg.source}: {s.grid.size} heights are too many (at most {MOST_NODES}): give a part of the road'
+        )
     dv = _columns(s)
     modes = [int(s.options.get(f'border_mode_{of}', KEEP)) or KEEP for of in 'uv']
     folds = [{REPEAT: 'repeat', REFLECT: 'reflect'}.get(mode, 'keep') for mode in modes]
     moved = [s.options.get(f'border_offset_{of}', 0.0) != 0.0 for of in 'uv']
-    beside = [BEYOND if fold != 'keep' or mode == ZERO or off else 0 for fold, mode, off in zip(folds, modes, moved, strict=True)]
+    beside = [
+        BEYOND if fold != 'keep' or mode == ZERO or off else 0
+        for fold, mode, off in zip(folds, modes, moved, strict=True)
+    ]
     for of, fold, off in zip('uv', folds, moved, strict=True):
         if off and fold != 'keep':
-            s.crg.notes.append(f'BORDER_OFFSET_{of.upper()} has no effect on a road that goes on beyond that border (BORDER_MODE 3 or 4)')
+            s.crg.notes.append(
+                f'BORDER_OFFSET_{of.upper()} has no effect on a road that goes on beyond that border (BORDER_MODE 3 or '
+                '4)'
+            )
     rows, count = beside[0], len(s.grid)
     u = s.first + s.du * np.arange(-rows, count + rows)
     around = dv * np.arange(1, beside[1] + 1)

@@ -1,11 +1,13 @@
-"""JSON Schemas (draft 7) of the files that the loader reads, from the same type hints (solver.files.schema): for editors.
+"""JSON Schemas (draft 7) of the files that the loader reads, from the same type hints (solver.files.schema): for
+editors.
 
-A schema is a net with wider meshes than the loader. It knows keys, forms, choices, units in names of keys, and bounds of single numbers. It
-does not know what holds between values: names of bodies, a key given twice in two units, laws that must ascend. `mbd info FILE` judges.
-The schema takes everything that the loader takes; a scalar is meant as YAML 1.2 reads it, as editors do.
+A schema is a net with wider meshes than the loader. It knows keys, forms, choices, units in names of keys, and bounds
+of single numbers. It does not know what holds between values: names of bodies, a key given twice in two units, laws
+that must ascend. `mbd info FILE` judges. The schema takes everything that the loader takes; a scalar is meant as YAML
+1.2 reads it, as editors do.
 
-A mapping with the key `<<` has what the file named there has, changed by the keys beside it, so nothing is required in it: every
-definition exists once more under its name with `.changes` behind.
+A mapping with the key `<<` has what the file named there has, changed by the keys beside it, so nothing is required in
+it: every definition exists once more under its name with `.changes` behind.
 """
 
 from __future__ import annotations
@@ -39,9 +41,14 @@ from solver.vehicle.trailer import Trailer
 Schema = dict[str, Any]
 DRAFT = 'http://json-schema.org/draft-07/schema#'
 ENDINGS = '|'.join(ending.removeprefix('.') for ending in ('.yaml', *READERS))
-FILE: Schema = {'type': 'string', 'pattern': rf'^([\w./-]+|/.*)\.({ENDINGS})$', 'description': 'a file that stands here'}
+FILE: Schema = {
+    'type': 'string',
+    'pattern': rf'^([\w./-]+|/.*)\.({ENDINGS})$',
+    'description': 'a file that stands here',
+}
 A_FILE: Schema = {'$ref': '#/definitions/file'}
-TEXT: Schema = {'type': ['string', 'number', 'boolean']}  # a word that YAML reads as a number is text where text is wanted
+# a word that YAML reads as a number is text where text is wanted
+TEXT: Schema = {'type': ['string', 'number', 'boolean']}
 EMPTY: Schema = {'type': 'null'}
 # What mechanism files write that is no field of a specification (solver.files.mechanism), and its type.
 PLACED: dict[str, Any] = {
@@ -76,7 +83,10 @@ def _scene(writer: Writer, changes: bool) -> Schema:
         'road': writer.build(RoadSpec, changes),
     }
     schema = writer.mapping(Scene, changes, leave=('name', 'model', 'resolved'), more=more)
-    needs = [{'required': [one], 'not': {'required': [other]}} for one, other in (('vehicle', 'mechanism'), ('mechanism', 'vehicle'))]
+    needs = [
+        {'required': [one], 'not': {'required': [other]}}
+        for one, other in (('vehicle', 'mechanism'), ('mechanism', 'vehicle'))
+    ]
     return schema if changes else {**schema, 'oneOf': needs}
 
 
@@ -114,7 +124,8 @@ def schema_of(kind: str) -> Schema:
 
 
 def files() -> dict[str, str]:
-    """Name -> text of the files of config/schema: one per kind, and the definitions that they share, each in a line of its own."""
+    """Name -> text of the files of config/schema: one per kind, and the definitions that they share, each in a line of
+    its own."""
     definitions: dict[str, Schema] = {}
     texts = {}
     for kind in KINDS:
@@ -137,7 +148,8 @@ class Writer:
         self.definitions: dict[str, Schema] = {'file': FILE}
 
     def named(self, name: str, make: Maker, changes: bool) -> Schema:
-        """A reference to a definition, made where it is not there yet. Without `changes` it has a branch for mappings that have `<<`."""
+        """A reference to a definition, made where it is not there yet. Without `changes` it has a branch for mappings
+        that have `<<`."""
         key = f'{name}.changes' if changes else name
         if key not in self.definitions:
             self.definitions[key] = {}  # what refers to itself finds it
@@ -148,8 +160,8 @@ class Writer:
         return {'$ref': f'#/definitions/{key}'}
 
     def build(self, hint: Any, changes: bool, *, keyed: bool = False, unit: str = '', bounded: bool = True) -> Schema:
-        """The schema of a type. keyed: its name is the key of the entry. unit: of the key, where that is not the unit of the hint.
-        bounded: the bounds of the hint hold; in mappings of numbers the loader does not look at them.
+        """The schema of a type. keyed: its name is the key of the entry. unit: of the key, where that is not the unit
+        of the hint. bounded: the bounds of the hint hold; in mappings of numbers the loader does not look at them.
         """
         own = _bounds(hint, unit) if bounded else {}
         hint = plain(hint)
@@ -166,7 +178,12 @@ class Writer:
             return _or_file({'type': 'object', 'additionalProperties': self.build(args[1], changes, bounded=False)})
         if dataclasses.is_dataclass(hint):
             return self.reference(hint, changes, keyed)
-        scalars: dict[Any, Schema] = {float: {'type': 'number', **own}, int: {'type': 'integer'}, bool: {'type': 'boolean'}, str: TEXT}
+        scalars: dict[Any, Schema] = {
+            float: {'type': 'number', **own},
+            int: {'type': 'integer'},
+            bool: {'type': 'boolean'},
+            str: TEXT,
+        }
         if hint not in scalars:
             raise TypeError(f'the schema does not know the type {hint!r}')
         return scalars[hint]
@@ -177,9 +194,11 @@ class Writer:
         leave = (*how.pop('leave', ()), *(('name',) if keyed else ()))
         return _or_file(self.named(name, lambda writer, less: writer.mapping(cls, less, leave=leave, **how), changes))
 
-    def mapping(self, cls: Any, changes: bool, *, leave: tuple[str, ...] = (), more: Mapping[str, Schema] | None = None) -> Schema:
-        """The mapping of the fields of a dataclass. leave: fields without a key. more: keys that are no fields, or have a
-        form of their own."""
+    def mapping(
+        self, cls: Any, changes: bool, *, leave: tuple[str, ...] = (), more: Mapping[str, Schema] | None = None
+    ) -> Schema:
+        """The mapping of the fields of a dataclass. leave: fields without a key. more: keys that are no fields, or have
+        a form of their own."""
         hints, properties = hints_of(cls), dict(more or {})
         required: list[str] = []
         either: list[Schema] = []
@@ -191,7 +210,8 @@ class Writer:
                 if unit_of(hint) == UNITS[written][0]:
                     names.append(f'{field.name}_{suffix}')
                     properties.setdefault(
-                        names[-1], {**self.build(hint, changes, unit=written), 'description': f'{field.name} [{written}]'}
+                        names[-1],
+                        {**self.build(hint, changes, unit=written), 'description': f'{field.name} [{written}]'},
                     )
             if field.default is field.default_factory is dataclasses.MISSING:
                 required += names[:1] if len(names) == 1 else []
@@ -210,9 +230,15 @@ class Writer:
         return schema
 
     def one_of(
-        self, members: Mapping[str, Any], changes: bool, keyed: bool = False, implied: Any = None, more: Mapping[str, Schema] | None = None
+        self,
+        members: Mapping[str, Any],
+        changes: bool,
+        keyed: bool = False,
+        implied: Any = None,
+        more: Mapping[str, Schema] | None = None,
     ) -> Schema:
-        """A mapping whose `kind` chooses one of the dataclasses. implied: is meant without `kind`. more: keys that all have."""
+        """A mapping whose `kind` chooses one of the dataclasses. implied: is meant without `kind`. more: keys that all
+        have."""
         choices = []
         for kind, cls in members.items():
             word = {'kind': {'const': kind}}
@@ -224,7 +250,9 @@ class Writer:
     def chosen(self, cls: Any, changes: bool, keyed: bool, also: Mapping[str, Schema] | None = None) -> Schema:
         """A dataclass that `kind` has chosen: the key stands in its mapping, whether it has such a field or not."""
         leave = ('name',) if keyed else ()
-        name = f'{_name(cls)}.kind' + ('.entry' if keyed and any(f.name == 'name' for f in dataclasses.fields(cls)) else '')
+        name = f'{_name(cls)}.kind' + (
+            '.entry' if keyed and any(f.name == 'name' for f in dataclasses.fields(cls)) else ''
+        )
         more = {'kind': {'type': 'string'}, **(also or {})}
         return self.named(name, lambda writer, less: writer.mapping(cls, less, leave=leave, more=more), changes)
 
@@ -233,24 +261,37 @@ class Writer:
         found = [EMPTY] if types.NoneType in args else []
         classes: list[Any] = [a for a in rest if dataclasses.is_dataclass(a)]
         if len(rest) == 1 or not classes:
-            found += [self.build(a, changes, keyed=keyed, unit=unit, bounded=bounded) for a in args if a is not types.NoneType]
+            found += [
+                self.build(a, changes, keyed=keyed, unit=unit, bounded=bounded) for a in args if a is not types.NoneType
+            ]
             return found[0] if len(found) == 1 else {'anyOf': found}
         hooked = [a for a in classes if any(c in HOOKS for c in a.__mro__)]
         kinds = {kind: a for a in classes for kind in kinds_of(a)}
         implied = next((a for a in classes if getattr(a, 'implied', False)), None)
-        found += [self.build(a, changes, keyed=keyed, unit=unit, bounded=bounded) for a in rest if a not in classes or a in hooked]
+        found += [
+            self.build(a, changes, keyed=keyed, unit=unit, bounded=bounded)
+            for a in rest
+            if a not in classes or a in hooked
+        ]
         return {'anyOf': [*found, self.one_of(kinds, changes, keyed, implied), A_FILE]}
 
     def _tuple(self, args: tuple, changes: bool, unit: str, bounded: bool) -> Schema:
         if not (len(args) == 2 and args[1] is Ellipsis):
             items = [self.build(a, changes, unit=unit, bounded=bounded) for a in args]
             count = {'minItems': len(args), 'maxItems': len(args)}
-            return _or_file({'type': 'array', 'items': items[0] if all(i == items[0] for i in items) else items, **count})
+            return _or_file(
+                {'type': 'array', 'items': items[0] if all(i == items[0] for i in items) else items, **count}
+            )
         item = plain(args[0])
         many = _or_file({'type': 'array', 'items': self.build(args[0], changes, unit=unit, bounded=bounded)})
         members = [plain(a) for a in get_args(item)] if get_origin(item) in (Union, types.UnionType) else [item]
         if all(dataclasses.is_dataclass(m) and any(f.name == 'name' for f in dataclasses.fields(m)) for m in members):
-            return {'anyOf': [{'type': 'object', 'additionalProperties': self.build(args[0], changes, keyed=True)}, *many['anyOf']]}
+            return {
+                'anyOf': [
+                    {'type': 'object', 'additionalProperties': self.build(args[0], changes, keyed=True)},
+                    *many['anyOf'],
+                ]
+            }
         if get_origin(item) is tuple and get_args(item)[0] is str and len(get_args(item)) == 2:
             value = self.build(get_args(item)[1], changes, bounded=bounded)
             return {'anyOf': [{'type': 'object', 'additionalProperties': value}, *many['anyOf']]}
@@ -286,7 +327,7 @@ def _about(field: dataclasses.Field, unit: str) -> Schema:
     return about
 
 
-# -- types that have a form of their own in files, as the hooks of the loader have it ---------------------------------------
+# -- types that have a form of their own in files, as the hooks of the loader have it --------------------------------
 
 
 def _model(writer: Writer, cls: Any, changes: bool, keyed: bool) -> Schema:
@@ -320,7 +361,12 @@ def _marker(writer: Writer, cls: Any, changes: bool, keyed: bool) -> Schema:
 def _law(writer: Writer, cls: Any, changes: bool, keyed: bool) -> Schema:
     """MechanismReader.law()."""
     pair = {'type': 'array', 'items': {'type': 'number'}, 'minItems': 2, 'maxItems': 2}
-    return {'anyOf': [{'type': 'number', 'minimum': 0.0}, _or_file({'type': 'array', 'items': _or_file(pair), 'minItems': 2})]}
+    return {
+        'anyOf': [
+            {'type': 'number', 'minimum': 0.0},
+            _or_file({'type': 'array', 'items': _or_file(pair), 'minItems': 2}),
+        ]
+    }
 
 
 def _bound(writer: Writer, cls: Any, changes: bool, keyed: bool) -> Schema:
@@ -332,7 +378,9 @@ def _require(writer: Writer, cls: Any, changes: bool, keyed: bool) -> Schema:
     """solver.files.requirements.require(): keys that are not its own are quantities."""
     limits = writer.named('Limits', _limits, changes)
     own = writer.named(
-        'Require', lambda one, less: {**one.mapping(Keys, less, leave=('accuracy',)), 'additionalProperties': limits}, changes
+        'Require',
+        lambda one, less: {**one.mapping(Keys, less, leave=('accuracy',)), 'additionalProperties': limits},
+        changes,
     )
     return _or_file(own)
 

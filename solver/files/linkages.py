@@ -26,7 +26,8 @@ SLENDER = 1e-4  # moment of inertia of a rod about its axis, over mass * length^
 
 @dataclass(frozen=True, kw_only=True)
 class EqualRods:
-    """Equal uniform rods along x of their frames, whose origins are at the one end and whose centres of mass are in the middle."""
+    """Equal uniform rods along x of their frames, whose origins are at the one end and whose centres of mass are in the
+    middle."""
 
     length: Length = 1.0
     mass: Mass = 1.0
@@ -39,17 +40,20 @@ class EqualRods:
         """A rod with its frame at (x, y, 0)."""
         along, across = SLENDER * self.mass * self.length**2, self.mass * self.length**2 / 12
         inertia = (along, across, across, 0.0, 0.0, 0.0)
-        return RigidBodySpec(name=name, mass=self.mass, inertia=inertia, com=(self.length / 2, 0.0, 0.0), position=(x, y, 0.0), **placed)
+        return RigidBodySpec(
+            name=name, mass=self.mass, inertia=inertia, com=(self.length / 2, 0.0, 0.0), position=(x, y, 0.0), **placed
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class FourBarN(EqualRods):
-    """N four-bar linkages side by side (IFToMM benchmark A02 [Gonzalez2006]; two loops: [Bayo1994]), 2 N + 1 equal uniform rods.
+    """N four-bar linkages side by side (IFToMM benchmark A02 [Gonzalez2006]; two loops: [Bayo1994]), 2 N + 1 equal
+    uniform rods.
 
-    The cranks crank_0 ... crank_N turn on the ground at x = 0, length, 2 length, ...; rod_1 ... rod_N join their ends. All cranks are
-    placed upright in the x-y plane, gravity acts along -y. The coordinate A0 is the angle of crank_0 from the x axis, counter-clockwise.
-    One degree of freedom, N + 1 in the horizontal position; modelled in space with 3 N + 1 revolutes, 3 N of 15 N + 5 constraints
-    are redundant.
+    The cranks crank_0 ... crank_N turn on the ground at x = 0, length, 2 length, ...; rod_1 ... rod_N join their ends.
+    All cranks are placed upright in the x-y plane, gravity acts along -y. The coordinate A0 is the angle of crank_0
+    from the x axis, counter-clockwise. One degree of freedom, N + 1 in the horizontal position; modelled in space with
+    3 N + 1 revolutes, 3 N of 15 N + 5 constraints are redundant.
     """
 
     loops: int = 40
@@ -84,10 +88,11 @@ def four_bar_n(data: FourBarN) -> ModelSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class Chain(EqualRods):
-    """A chain of equal uniform rods that hangs on the ground at the origin and is placed straight along x; gravity acts along -y.
+    """A chain of equal uniform rods that hangs on the ground at the origin and is placed straight along x; gravity acts
+    along -y.
 
-    link_1 ... link_N are joined by the revolutes A1 (to the ground) ... AN, whose axes are z: N degrees of freedom, no redundant
-    constraint.
+    link_1 ... link_N are joined by the revolutes A1 (to the ground) ... AN, whose axes are z: N degrees of freedom, no
+    redundant constraint.
     """
 
     links: int = 10
@@ -109,4 +114,7 @@ def chain(data: Chain) -> ModelSpec:
     return ModelSpec(bodies=tuple(bodies), joints=tuple(joints), gravity=(0.0, -MODEL_GRAVITY, 0.0))
 
 
-LINKAGES: dict[str, tuple[type, Callable[[Any], ModelSpec]]] = {'four_bar_n': (FourBarN, four_bar_n), 'chain': (Chain, chain)}
+LINKAGES: dict[str, tuple[type, Callable[[Any], ModelSpec]]] = {
+    'four_bar_n': (FourBarN, four_bar_n),
+    'chain': (Chain, chain),
+}

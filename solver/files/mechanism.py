@@ -1,4 +1,5 @@
-"""Mechanism files: the sections of a file are the fields of ModelSpec, the entries of a section are named element specs.
+"""Mechanism files: the sections of a file are the fields of ModelSpec, the entries of a section are named element
+specs.
 
 So a new element kind can be written in a file as soon as ModelSpec has a field for it. Forms in which a file may write
 specs more conveniently: markers by their place in the assembled mechanism, axes instead of orientations,
@@ -42,11 +43,18 @@ class MechanismReader:
 
     def builder(self) -> Builder:
         """A loader that understands mechanism files."""
-        hooks = {ModelSpec: self.model, RigidBodySpec: self.body, Spec: self.element, Marker: self.marker, Law: self.law}
+        hooks = {
+            ModelSpec: self.model,
+            RigidBodySpec: self.body,
+            Spec: self.element,
+            Marker: self.marker,
+            Law: self.law,
+        }
         return Builder(hooks)
 
     def model(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> ModelSpec:
-        """A ModelSpec, or a linkage by `kind`. Bodies first, markers may be placed in the world; inputs from their uses unless listed."""
+        """A ModelSpec, or a linkage by `kind`. Bodies first, markers may be placed in the world; inputs from their uses
+        unless listed."""
         fields = builder.mapping(node, path)
         if 'kind' in fields:
             kind = builder.choice(fields.pop('kind')[1], join(path, 'kind'), LINKAGES, 'unknown kind of mechanism')
@@ -67,13 +75,19 @@ class MechanismReader:
             given['orientation'] = R
         inertia = fields.get('inertia')
         if inertia is not None and isinstance(inertia[1], SequenceNode) and len(inertia[1].value) == 3:
-            given['inertia'] = (*_built(builder, Moments, fields.pop('inertia')[1], join(path, 'inertia')), 0.0, 0.0, 0.0)
+            given['inertia'] = (
+                *_built(builder, Moments, fields.pop('inertia')[1], join(path, 'inertia')),
+                0.0,
+                0.0,
+                0.0,
+            )
         body = builder.construct(cls, fields, node, path, name=name, given=given, extra=('rpy', 'rpy_deg'))
         self.bodies[body.name] = Placement(np.array(body.position), matrix(body.orientation))
         return body
 
     def element(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> Any:
-        """Any other element: `at`, `axis`, ... beside the markers place all markers that are given as bare body names."""
+        """Any other element: `at`, `axis`, ... beside the markers place all markers that are given as bare body
+        names."""
         fields = builder.mapping(node, path)
         hints = hints_of(cls)
         markers = [f.name for f in dataclasses.fields(cls) if hints[f.name] is Marker]
@@ -82,15 +96,19 @@ class MechanismReader:
         if placed:
             if 'at' not in placed:
                 raise SceneError(
-                    f"{where(fields[placed[0]][0])}: {join(path, placed[0])}: needs the key 'at' beside it (a point in the world)"
+                    f"{where(fields[placed[0]][0])}: {join(path, placed[0])}: needs the key 'at' beside it (a point in "
+                    'the world)'
                 )
             if not any(isinstance(fields[m][1], ScalarNode) for m in markers if m in fields):
                 raise SceneError(
-                    f'{where(fields["at"][0])}: {join(path, "at")}: has no effect, since every marker has a place of its own; '
+                    f'{where(fields["at"][0])}: {join(path, "at")}: has no effect, since every marker has a place of '
+                    'its own; '
                     'give one marker as the bare name of its body, to place it here, or remove this key'
                 )
             placement = self.placement(builder, fields, path)
-        given: dict[str, object] = {m: self._marker(builder, fields.pop(m)[1], join(path, m), placement) for m in markers if m in fields}
+        given: dict[str, object] = {
+            m: self._marker(builder, fields.pop(m)[1], join(path, m), placement) for m in markers if m in fields
+        }
         distance = cls is JointSpec and 'kind' in fields and fields['kind'][1].value == 'distance'
         if distance and not {'length', 'length_mm'} & set(fields) and len(given) == 2:
             given['length'] = norm(self.point(given['j']) - self.point(given['i']))
@@ -102,7 +120,9 @@ class MechanismReader:
             and element.marker.body == WORLD
             and getattr(element, 'reaction', None) is None
         ):
-            raise refuse(builder.mapping(node, path)['marker'][1], join(path, 'marker'), 'nothing moves the world; name a body')
+            raise refuse(
+                builder.mapping(node, path)['marker'][1], join(path, 'marker'), 'nothing moves the world; name a body'
+            )
         return element
 
     def placement(self, builder: Builder, fields: Fields, path: str) -> Placement:
@@ -123,7 +143,11 @@ class MechanismReader:
                 self._known(body, fields['body'][1], join(path, 'body'))
                 for key in ('position', 'position_mm'):
                     if key in fields:
-                        raise refuse(fields[key][1], join(path, key), "give either 'at' (in the world) or 'position' (in the body)")
+                        raise refuse(
+                            fields[key][1],
+                            join(path, key),
+                            "give either 'at' (in the world) or 'position' (in the body)",
+                        )
                 frame = self.placement(builder, fields, path)
                 fields.pop('body')
                 builder.construct(_Nothing, fields, node, path, extra=('body', 'at', *ROTATION_KEYS))
@@ -155,9 +179,10 @@ class MechanismReader:
 
     def law(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> Law:
         """A number is the rate of a straight line, a list of [x, y] points a monotone cubic."""
-        value = builder.build(float | tuple[tuple[float, float], ...], node, path)  # type: ignore[arg-type]
+        value = builder.build(float | tuple[tuple[float, float], ...], node, path)
         if isinstance(value, float) and value < 0.0:
-            # a sign by mistake: what no step resolves of the motion that grows from it is damped away, and nothing shows
+            # a sign by mistake: what no step resolves of the motion that grows from it is damped away, and nothing
+            # shows
             raise refuse(node, path, f'a negative rate pushes apart what it should hold together; give {-value:g}, '
                          f'or, where that is intended, points: '
                          f'[[-1, {-value:g}], [1, {value:g}]]')  # fmt: skip
@@ -165,19 +190,28 @@ class MechanismReader:
 
 
 def _require_two_ends(element: Any, fields: Fields, path: str) -> None:
-    """Refuse what acts between two bodies or coordinates and has the same one twice: it would do nothing, without a word."""
+    """Refuse what acts between two bodies or coordinates and has the same one twice: it would do nothing, without a
+    word."""
     for first, second in (('i', 'j'), ('marker', 'reaction')):
         if second in fields and first in fields and getattr(element, first).body == getattr(element, second).body:
             one = getattr(element, first)
-            raise refuse(fields[second][1], join(path, second), f'is on the body {one.body!r} as {first} is, and must be on another one')
+            raise refuse(
+                fields[second][1],
+                join(path, second),
+                f'is on the body {one.body!r} as {first} is, and must be on another one',
+            )
     for key, others in (('terms', ()), ('outputs', ('shaft',)), ('turbine', ('pump',))):
         if key not in fields or not hasattr(element, key):
             continue
         given = getattr(element, key)
-        names = [getattr(element, other) for other in others] + ([given] if isinstance(given, str) else [name for name, _ in given])
+        names = [getattr(element, other) for other in others] + (
+            [given] if isinstance(given, str) else [name for name, _ in given]
+        )
         for k, name in enumerate(names):
             if name in names[:k]:
-                raise refuse(fields[key][1], join(path, key), f'the coordinate {name!r} is named twice; give different ones')
+                raise refuse(
+                    fields[key][1], join(path, key), f'the coordinate {name!r} is named twice; give different ones'
+                )
 
 
 def _built(builder: Builder, hint: Any, node: Node, path: str) -> Any:
@@ -192,10 +226,13 @@ class _Nothing:
 
 
 def rotation(builder: Builder, fields: Fields, path: str, allowed: Sequence[str]) -> Quaternion | None:
-    """The orientation given by one of orientation, rpy, rpy_deg or axis (+ x_axis), taken out of fields; None without one."""
+    """The orientation given by one of orientation, rpy, rpy_deg or axis (+ x_axis), taken out of fields; None without
+    one."""
     used = [k for k in allowed if k in fields and k != 'x_axis']
     if len(used) > 1:
-        raise SceneError(f'{where(fields[used[1]][0])}: {join(path, used[1])}: is given beside {used[0]!r}; keep one of them')
+        raise SceneError(
+            f'{where(fields[used[1]][0])}: {join(path, used[1])}: is given beside {used[0]!r}; keep one of them'
+        )
     if not used:
         if 'x_axis' in allowed and 'x_axis' in fields:
             raise SceneError(f"{where(fields['x_axis'][0])}: {join(path, 'x_axis')}: needs the key 'axis' beside it")

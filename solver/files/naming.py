@@ -41,14 +41,18 @@ def unfit(node: Node) -> str:
         return ''
     if ending != ending.lower():
         return f'; the ending of a file that stands here is in small letters: {ending.lower()}'
-    return '; a name with anything but letters, digits and . _ - / in it is written as a whole path, from the first / on'
+    return (
+        '; a name with anything but letters, digits and . _ - / in it is written as a whole path, from the first / on'
+    )
 
 
 def included(file: Path) -> str:
     """A file as scenes and overrides include it. Raises SceneError."""
     name = str(file.resolve())
     if INCLUDE.fullmatch(name) is None or re.search(r':\s|\s#', name) or file.suffix not in ('.yaml', *READERS):
-        raise SceneError(f'{name!r}: a scene cannot include it; move it to a path without ": " and " #" that ends in .yaml')
+        raise SceneError(
+            f'{name!r}: a scene cannot include it; move it to a path without ": " and " #" that ends in .yaml'
+        )
     return name
 
 

@@ -21,18 +21,22 @@ def keys_of(path: str) -> tuple[str, ...]:
 
 
 def overtaken(assignments: Sequence[str]) -> tuple[str, str] | None:
-    """(an override without effect, the later one that replaces the whole part it changes), or None where all have effect."""
+    """(an override without effect, the later one that replaces the whole part it changes), or None where all have
+    effect."""
     paths = [keys_of(assignment.partition('=')[0]) for assignment in assignments]
     pairs = itertools.combinations(zip(paths, assignments, strict=True), 2)
-    return next(((a, b) for (part, a), (whole, b) in pairs if whole and len(whole) < len(part) and part[: len(whole)] == whole), None)
+    return next(
+        ((a, b) for (part, a), (whole, b) in pairs if whole and len(whole) < len(part) and part[: len(whole)] == whole),
+        None,
+    )
 
 
 def override(root: Node, assignment: str, directories: Sequence[Path]) -> None:
     """Apply one override 'a.b.c=value' to a tree, in place. The value is YAML; an item of a list is a.b.0 or a.b[0].
 
-    directories: where a file that the value names is looked up. Missing mappings are created. A value that stands under the
-    same key with another unit (a.b.c_mm) is replaced. Where an alias shows the same part in another place, that place stays
-    as it is. Raises SceneError for a path that leads nowhere, and for a value that cannot be read.
+    directories: where a file that the value names is looked up. Missing mappings are created. A value that stands under
+    the same key with another unit (a.b.c_mm) is replaced. Where an alias shows the same part in another place, that
+    place stays as it is. Raises SceneError for a path that leads nowhere, and for a value that cannot be read.
     """
     path, equals, text = assignment.partition('=')
     keys = keys_of(path)
@@ -53,19 +57,25 @@ def override(root: Node, assignment: str, directories: Sequence[Path]) -> None:
             node = node.value[int(key)]
             continue
         if not isinstance(node, MappingNode):
-            raise SceneError(f'{name}: {".".join(keys[:depth])} = {shown(node)} is a plain value and has no {key!r} in it')
+            raise SceneError(
+                f'{name}: {".".join(keys[:depth])} = {shown(node)} is a plain value and has no {key!r} in it'
+            )
         at = place_of(node, key, last)
         child = value if last else (_added(node, key, value) if at is None else _alone(node.value[at][1]))
         if at is None:
             node.value.append((ScalarNode(TAGS[2], key, value.start_mark, value.end_mark), child))
         else:
             entry = node.value[at][0]
-            node.value[at] = (entry if entry.value == key else ScalarNode(TAGS[2], key, value.start_mark, value.end_mark), child)
+            node.value[at] = (
+                entry if entry.value == key else ScalarNode(TAGS[2], key, value.start_mark, value.end_mark),
+                child,
+            )
         node = child
 
 
 def _alone(node: Node) -> Node:
-    """A copy of a mapping or list with entries of its own: it is about to change, and an alias may show it elsewhere too."""
+    """A copy of a mapping or list with entries of its own: it is about to change, and an alias may show it elsewhere
+    too."""
     if not isinstance(node, MappingNode | SequenceNode):
         return node
     return type(node)(node.tag, list(node.value), node.start_mark, node.end_mark, flow_style=node.flow_style)

@@ -36,7 +36,8 @@ def packed(path: Path, values: np.ndarray) -> Raster:
 
 
 def read_npz(path: Path) -> Raster:
-    """The array in a .npz file, the only one or the one called `height`; its first index runs along x. Raises SceneError."""
+    """The array in a .npz file, the only one or the one called `height`; its first index runs along x. Raises
+    SceneError."""
     content_of(path)
     try:
         with zipfile.ZipFile(path) as archive:
@@ -48,14 +49,25 @@ def read_npz(path: Path) -> Raster:
             if len(names) != 1 and 'height' not in names:
                 raise SceneError(f'{path}: has the arrays {", ".join(names) or "none"}: give one, or call it height')
             values = arrays['height' if 'height' in names else names[0]]
-    except (ValueError, OSError, zipfile.BadZipFile, zlib.error, EOFError, KeyError, NotImplementedError, RuntimeError) as error:
+    except (
+        ValueError,
+        OSError,
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        KeyError,
+        NotImplementedError,
+        RuntimeError,
+    ) as error:
         raise SceneError(f'{path}: not readable as .npz: {" ".join(str(error).split())[:120]}') from None
     return _raster(path, values)
 
 
 def _raster(path: Path, values: np.ndarray) -> Raster:
     if values.ndim != 2 or min(values.shape) < 2 or values.dtype.kind not in 'fiub':
-        raise SceneError(f'{path}: an array of shape {values.shape} and type {values.dtype}: must be numbers, 2 x 2 or more')
+        raise SceneError(
+            f'{path}: an array of shape {values.shape} and type {values.dtype}: must be numbers, 2 x 2 or more'
+        )
     if values.size > LARGEST_RASTER:
         raise SceneError(f'{path}: {values.size} numbers are too many (at most {LARGEST_RASTER})')
     numbers = values.astype(float)
@@ -72,9 +84,13 @@ def read_png(path: Path) -> Raster:
     header, deflated = _chunks(path, data)
     width, height, depth, colour, _, _, interlaced = header
     if colour not in (0, 4) or depth not in (8, 16) or interlaced:
-        raise SceneError(f'{path}: must be greyscale of 8 or 16 bits, not interlaced (colour type {colour}, {depth} bits)')
+        raise SceneError(
+            f'{path}: must be greyscale of 8 or 16 bits, not interlaced (colour type {colour}, {depth} bits)'
+        )
     if min(width, height) < 2 or width * height > LARGEST_RASTER:
-        raise SceneError(f'{path}: {width} x {height} pixels: must be 2 x 2 or more and at most {LARGEST_RASTER} in all')
+        raise SceneError(
+            f'{path}: {width} x {height} pixels: must be 2 x 2 or more and at most {LARGEST_RASTER} in all'
+        )
     channels = 1 if colour == 0 else 2
     stride = channels * depth // 8
     size = height * (1 + width * stride)

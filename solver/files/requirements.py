@@ -1,4 +1,5 @@
-"""Accuracy that a scene requires: `yaw_rate: {rms: 2 %}` beside the other keys of `require`, limits as text with their units."""
+"""Accuracy that a scene requires: `yaw_rate: {rms: 2 %}` beside the other keys of `require`, limits as text with their
+units."""
 
 from __future__ import annotations
 
@@ -17,14 +18,17 @@ from solver.units import measured
 MEASURES = tuple(f.name for f in dataclasses.fields(Accuracy))
 # The keys of `require` but for quantities, as a dataclass: the loader reads numbers, units and refusals from its hints.
 Keys = dataclasses.make_dataclass(
-    'Keys', [*((name, hint, None) for name, hint in LIMITS.items()), ('allow_suspect', bool, False), ('accuracy', dict, None)], frozen=True
+    'Keys',
+    [*((name, hint, None) for name, hint in LIMITS.items()), ('allow_suspect', bool, False), ('accuracy', dict, None)],
+    frozen=True,
 )
 Keys.__doc__ = Require.__doc__
 KEYS = tuple(f.name for f in dataclasses.fields(Keys))
 
 
 def require(builder: Builder, cls: type, node: Node, path: str, name: str | None) -> Require:
-    """The hook of Require: keys that are not its own are quantities; dots in their names may also be levels of nesting."""
+    """The hook of Require: keys that are not its own are quantities; dots in their names may also be levels of
+    nesting."""
     fields = builder.mapping(node, path)
     accuracy: dict[str, Accuracy] = {}
     for key in [k for k in fields if k not in KEYS or k == 'accuracy']:
@@ -32,7 +36,9 @@ def require(builder: Builder, cls: type, node: Node, path: str, name: str | None
         if key != 'accuracy' and isinstance(value, ScalarNode):
             known = [*KEYS, *NAMED, *BY_WHEEL]
             if _unit(key) or '/' in key:
-                raise refuse(value, join(path, key), 'say which error, e.g. {rms: 2 %}; one or more of ' + ', '.join(MEASURES))
+                raise refuse(
+                    value, join(path, key), 'say which error, e.g. {rms: 2 %}; one or more of ' + ', '.join(MEASURES)
+                )
             raise SceneError(f'{where(key_node)}: {join(path, key)}: unknown key{suggestion(key, known)}')
         _collect(builder, value, '' if key == 'accuracy' else key, join(path, key), accuracy)
     found = builder.construct(Keys, fields, node, path, given={'accuracy': accuracy}, extra=tuple(NAMED))
@@ -67,7 +73,8 @@ def bound(builder: Builder, cls: type, node: Node, path: str, name: str | None) 
 
 
 def _unit(name: str) -> str:
-    """The unit of a named quantity, '' of a recorded number: which it is follows from the model, and so the scene looks at it."""
+    """The unit of a named quantity, '' of a recorded number: which it is follows from the model, and so the scene looks
+    at it."""
     head = name.partition('.')[0]
     known = NAMED.get(head) or BY_WHEEL.get(head)
     return known.unit if known else ''

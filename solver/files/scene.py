@@ -61,7 +61,8 @@ def known_names(folder: str = 'scenes') -> list[str]:
 
 
 def load_scene(name: str | Path, overrides: Sequence[str] = ()) -> Scene:
-    """Load a scene by path or name. overrides: 'a.b.c=value' assignments. Raises SceneError (one sentence: place, value, remedy)."""
+    """Load a scene by path or name. overrides: 'a.b.c=value' assignments. Raises SceneError (one sentence: place,
+    value, remedy)."""
     file = find_file(name, 'scenes')
     return _scene(read(file, config_directories()), file.stem, overrides)[0]
 
@@ -110,7 +111,9 @@ def _scene(root: Node, name: str, overrides: Sequence[str]) -> tuple[Scene, dict
     _require_angles(scene, fields)
     if scene.seed:
         scene = dataclasses.replace(scene, model=_seeded(scene.model, scene.seed))
-    beside = {key.removeprefix('vehicle.'): unit for key, unit in builder.units.items() if key.startswith('vehicle.trailer.')}
+    beside = {
+        key.removeprefix('vehicle.'): unit for key, unit in builder.units.items() if key.startswith('vehicle.trailer.')
+    }
     return scene, builder.units | beside  # a trailer may stand beside the vehicle
 
 
@@ -129,7 +132,9 @@ def _require_angles(scene: Scene, fields: Fields) -> None:
     model = scene.model
     turning = {c.name for c in coordinates_of(model) if c.kind == 'rotation'}
     if not model.tires:  # of a mechanism, a spring or a gear may be wound by any number of turns
-        turning -= {name for one in (*model.couplers, *model.coordinate_forces, *model.transmissions) for name, _ in one.terms}
+        turning -= {
+            name for one in (*model.couplers, *model.coordinate_forces, *model.transmissions) for name, _ in one.terms
+        }
     most, what = (LOCK, '20 rad') if model.tires else (2.0 * math.pi, 'one turn')  # a steering wheel may start turned
     for name, wanted in scene.start.coordinates.items():
         if name in turning and abs(wanted.value or 0.0) > most * (1.0 + BOUND_ROUNDING):
@@ -139,7 +144,10 @@ def _require_angles(scene: Scene, fields: Fields) -> None:
 
 def _seeded(model: ModelSpec, seed: int) -> ModelSpec:
     """The model with other random roads: `seed` is added to their seeds."""
-    grids = tuple(dataclasses.replace(grid, seed=grid.seed + seed) if isinstance(grid, RandomRoad) else grid for grid in model.road.grids)
+    grids = tuple(
+        dataclasses.replace(grid, seed=grid.seed + seed) if isinstance(grid, RandomRoad) else grid
+        for grid in model.road.grids
+    )
     return dataclasses.replace(model, road=dataclasses.replace(model.road, grids=grids))
 
 
@@ -153,7 +161,10 @@ def _model(builder: Builder, fields: dict, root: Node) -> ModelSpec:
     if len(sources) != 1:
         kind = fields['kind'][1].value if 'kind' in fields else ''
         remedy = '; this is a vehicle: put it into a scene by --set vehicle=FILE' if kind in list(TEMPLATES) else ''
-        raise SceneError(f"{where(root)}: a scene needs exactly one of the keys 'mechanism' and 'vehicle', here are {len(sources)}{remedy}")
+        raise SceneError(
+            f"{where(root)}: a scene needs exactly one of the keys 'mechanism' and 'vehicle', here are "
+            f'{len(sources)}{remedy}'
+        )
     key = sources[0]
     node = fields.pop(key)[1]
     if 'trailer' in fields:

@@ -1,7 +1,8 @@
-"""The strict loader: nodes with line numbers (solver.files.yaml_tree) -> frozen dataclasses, driven by their type hints.
+"""The strict loader: nodes with line numbers (solver.files.yaml_tree) -> frozen dataclasses, driven by their type
+hints.
 
-Nothing is guessed from how YAML 1.1 reads a word: a scalar is interpreted by the type of the field it is meant for, so `1e-3`
-is a number where a number is wanted, and `no` is a word where text is wanted. Meanings of the hints in a file:
+Nothing is guessed from how YAML 1.1 reads a word: a scalar is interpreted by the type of the field it is meant for, so
+`1e-3` is a number where a number is wanted, and `no` is a word where text is wanted. Meanings of the hints in a file:
 
     float int bool str Literal    a scalar; numbers are decimal and finite, truth values are true and false
     T | None                      also `null`
@@ -10,10 +11,11 @@ is a number where a number is wanted, and `no` is a word where text is wanted. M
     tuple[A, B, C]                a list of exactly three
     dict[str, T] Mapping[str, T]  a mapping
     a dataclass                   a mapping of its fields
-    a union of dataclasses        a mapping whose `kind` chooses one (its Literal, or the class name: random_road); a scalar
-                                  where a plain number is in the union
-    Annotated[T, 'rad']           the unit of the field, which may also stand inside (solver.dimensions: tuple[Angle, ...]): then
-                                  `<key>_deg` is accepted too (SUFFIXES); a Within beside the unit bounds the number
+    a union of dataclasses        a mapping whose `kind` chooses one (its Literal, or the class name: random_road); a
+                                  scalar where a plain number is in the union
+    Annotated[T, 'rad']           the unit of the field, which may also stand inside (solver.dimensions: tuple[Angle,
+                                  ...]): then `<key>_deg` is accepted too (SUFFIXES); a Within beside the unit bounds
+                                  the number
 
 Every refusal is a SceneError of one sentence: file:line: dotted.path = value: what is allowed.
 """
@@ -38,7 +40,8 @@ from solver.files.yaml_tree import AddedMapping, join, refuse, where
 from solver.units import SUFFIXES, UNITS
 
 NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')
-COMPLAINT = re.compile(r'(?:[^=]*?: )?(?P<field>\w+)(?P<rest>[\w.\[\]]*(?: = |: ).*)', re.DOTALL)  # of a specification about its field
+# of a specification about its field
+COMPLAINT = re.compile(r'(?:[^=]*?: )?(?P<field>\w+)(?P<rest>[\w.\[\]]*(?: = |: ).*)', re.DOTALL)
 _NULL = ('', '~', 'null')
 
 Fields = dict[str, tuple[Node, Node]]
@@ -48,9 +51,9 @@ Hook = Callable[['Builder', Any, Node, str, 'str | None'], object]
 class Builder:
     """Builds values of a type from nodes. hooks: functions for types that have a form of their own in files.
 
-    A hook is called as hook(builder, type, node, path, name) and is found by the first class of the type's MRO that has one.
-    units: of the keys that were read, as they are written (path -> unit), where they have one. longest: lengths and coordinates of points
-    that are larger [m] are refused.
+    A hook is called as hook(builder, type, node, path, name) and is found by the first class of the type's MRO that has
+    one. units: of the keys that were read, as they are written (path -> unit), where they have one. longest: lengths
+    and coordinates of points that are larger [m] are refused.
     """
 
     def __init__(self, hooks: Mapping[type, Hook] | None = None) -> None:
@@ -76,7 +79,9 @@ class Builder:
         if origin is tuple:
             return self._tuple(args, node, path)
         if origin in (dict, Mapping):
-            return {key: self.build(args[1], value, join(path, key)) for key, (_, value) in self.mapping(node, path).items()}
+            return {
+                key: self.build(args[1], value, join(path, key)) for key, (_, value) in self.mapping(node, path).items()
+            }
         if dataclasses.is_dataclass(hint):
             return self.construct(typing.cast(type, hint), self.mapping(node, path), node, path, name=name)
         return _scalar(hint, node, path)
@@ -95,7 +100,9 @@ class Builder:
         if isinstance(node, ScalarNode) and node.style is None and node.value in _NULL:
             raise refuse(node, path, 'is empty; a mapping of keys is wanted here (write {} for one without keys)')
         if not isinstance(node, MappingNode):
-            remedy = '; without quotes it is that of the file' if names_file(node) else _endings(node) or _whole_name(node)
+            remedy = (
+                '; without quotes it is that of the file' if names_file(node) else _endings(node) or _whole_name(node)
+            )
             raise refuse(node, path, f'must be a mapping of keys{remedy}')
         return {key.value: (key, value) for key, value in node.value}
 
@@ -110,7 +117,8 @@ class Builder:
         given: Mapping[str, object] | None = None,
         extra: Sequence[str] = (),
     ) -> Any:
-        """A dataclass from the fields of a mapping. given: values already known; extra: keys the caller understands itself."""
+        """A dataclass from the fields of a mapping. given: values already known; extra: keys the caller understands
+        itself."""
         hints = hints_of(cls)
         wanted = {f.name: f for f in keys_of(cls)}
         values: dict[str, object] = dict(given or {})
@@ -121,10 +129,14 @@ class Builder:
             here = join(path, key)
             if field is None:
                 allowed = [k for k in {*wanted, *extra} if k != 'name' or name is None]
-                raise SceneError(f'{where(key_node)}: {here}: unknown key{suggestion(key, allowed, with_units(wanted, hints))}')
+                raise SceneError(
+                    f'{where(key_node)}: {here}: unknown key{suggestion(key, allowed, with_units(wanted, hints))}'
+                )
             if field in values:
                 first = next((k for k in fields if k != key and _field(k, wanted, hints)[0] == field), '')
-                remedy = f'{field!r} is given twice' + (f', as {first!r} and as {key!r}; keep one of them' if first else '')
+                remedy = f'{field!r} is given twice' + (
+                    f', as {first!r} and as {key!r}; keep one of them' if first else ''
+                )
                 if field == 'name' and name is not None:
                     remedy = 'the name is the key of the entry'
                 raise SceneError(f'{where(key_node)}: {here}: {remedy}')
@@ -135,9 +147,13 @@ class Builder:
             self.require_within(hints[field], values[field], value, here, ending)
             if unit := ending or unit_of(hints[field]):
                 self.units[here] = unit
-        missing = [k for k, f in wanted.items() if k not in values and f.default is f.default_factory is dataclasses.MISSING]
+        missing = [
+            k for k, f in wanted.items() if k not in values and f.default is f.default_factory is dataclasses.MISSING
+        ]
         if missing:
-            raise SceneError(f'{where(node)}: {path}{": " if path else ""}the key {missing[0]!r} is missing{_meant(node)}')
+            raise SceneError(
+                f'{where(node)}: {path}{": " if path else ""}the key {missing[0]!r} is missing{_meant(node)}'
+            )
         try:
             return cls(**values)
         except SpecError as error:
@@ -149,11 +165,14 @@ class Builder:
             raise SceneError(f'{where(node)}: {path}{": " if path else ""}{error}') from None
 
     def require_within(self, hint: Any, value: Any, node: Node, path: str, ending: str = '') -> None:
-        """Refuse a value [unit of the hint] that its meaning does not allow, and say in which unit it may be meant. ending: of its key."""
+        """Refuse a value [unit of the hint] that its meaning does not allow, and say in which unit it may be meant.
+        ending: of its key."""
         bound = next((a for a in parts_of(hint) if isinstance(a, Within)), None)
         if bound is None or _largest(value) <= bound.most * (1.0 + BOUND_ROUNDING):
             return
-        suffix, factor = next(((s, UNITS[u][1]) for s, u in SUFFIXES.items() if UNITS[u][0] == unit_of(hint)), ('', math.inf))
+        suffix, factor = next(
+            ((s, UNITS[u][1]) for s, u in SUFFIXES.items() if UNITS[u][0] == unit_of(hint)), ('', math.inf)
+        )
         meant = not ending and _largest(value) * factor <= bound.most
         remedy = f'; if it is in {SUFFIXES[suffix]}, write {path.rpartition(".")[2]}_{suffix}' if meant else ''
         raise refuse(node, path, f'is too large in {ending or unit_of(hint)} for {bound.what}{remedy}')
@@ -172,14 +191,23 @@ class Builder:
             if 'kind' not in fields and implied is not None:
                 return self.build(implied, node, path, name)
             if 'kind' not in fields:
-                raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing{_meant(node)}; one of: {', '.join(kinds)}")
+                raise SceneError(
+                    f"{where(node)}: {path}: the key 'kind' is missing{_meant(node)}; one of: {', '.join(kinds)}"
+                )
             chosen = typing.cast(type, kinds[self.choice(fields['kind'][1], join(path, 'kind'), kinds, 'unknown kind')])
             if any(f.name == 'kind' for f in dataclasses.fields(chosen)):
                 return self.build(chosen, node, path, name)
-            return self.build(chosen, MappingNode(node.tag, [e for e in node.value if e[0].value != 'kind'], node.start_mark), path, name)
+            return self.build(
+                chosen,
+                MappingNode(node.tag, [e for e in node.value if e[0].value != 'kind'], node.start_mark),
+                path,
+                name,
+            )
         fitting = [a for a in rest if self._hook(a) or fits(a, node)]
         if not fitting:
-            raise refuse(node, path, 'must be ' + ' or '.join(dict.fromkeys(described(a) for a in rest)) + _endings(node))
+            raise refuse(
+                node, path, 'must be ' + ' or '.join(dict.fromkeys(described(a) for a in rest)) + _endings(node)
+            )
         return self.build(fitting[0], node, path, name)
 
     def _tuple(self, args: tuple, node: Node, path: str) -> tuple:
@@ -187,15 +215,24 @@ class Builder:
         if repeated and isinstance(node, MappingNode):
             item = plain(args[0])
             members = [plain(a) for a in get_args(item)] if get_origin(item) in (Union, types.UnionType) else [item]
-            if all(dataclasses.is_dataclass(m) and any(f.name == 'name' for f in dataclasses.fields(m)) for m in members):
-                return tuple(self.build(args[0], value, join(path, key), key) for key, (_, value) in self.mapping(node, path).items())
+            if all(
+                dataclasses.is_dataclass(m) and any(f.name == 'name' for f in dataclasses.fields(m)) for m in members
+            ):
+                return tuple(
+                    self.build(args[0], value, join(path, key), key)
+                    for key, (_, value) in self.mapping(node, path).items()
+                )
             if get_origin(item) is tuple and get_args(item)[0] is str and len(get_args(item)) == 2:
                 entries = self.mapping(node, path).items()
-                return tuple((key, self.build(get_args(item)[1], value, join(path, key))) for key, (_, value) in entries)
+                return tuple(
+                    (key, self.build(get_args(item)[1], value, join(path, key))) for key, (_, value) in entries
+                )
         if not isinstance(node, SequenceNode) or (not repeated and len(node.value) != len(args)):
             raise refuse(node, path, 'must be a list' + ('' if repeated else f' of {len(args)} values'))
         kinds = [args[0]] * len(node.value) if repeated else args
-        return tuple(self.build(hint, item, f'{path}[{k}]') for k, (hint, item) in enumerate(zip(kinds, node.value, strict=True)))
+        return tuple(
+            self.build(hint, item, f'{path}[{k}]') for k, (hint, item) in enumerate(zip(kinds, node.value, strict=True))
+        )
 
 
 def keys_of(cls: type) -> list[dataclasses.Field[Any]]:
@@ -215,7 +252,8 @@ def plain(hint: Any) -> Any:
 
 
 def unit_of(hint: Any) -> str:
-    """The unit of a hint: of Annotated[float, 'm'], and of what is in Length | None or tuple[Length, ...]; '' for none or several."""
+    """The unit of a hint: of Annotated[float, 'm'], and of what is in Length | None or tuple[Length, ...]; '' for none
+    or several."""
     if get_origin(hint) is Annotated:
         return next((a for a in get_args(hint)[1:] if isinstance(a, str)), '')
     if get_origin(hint) not in (tuple, Union, types.UnionType):
@@ -249,13 +287,22 @@ def fits(hint: Any, node: Node) -> bool:
     if isinstance(node, ScalarNode):
         number = node.style is None and is_number(node.value)
         return (kind in (float, int) and number) or kind in (str, bool, Literal)
-    return kind is tuple if isinstance(node, SequenceNode) else kind in (dict, Mapping) or dataclasses.is_dataclass(kind)
+    return (
+        kind is tuple if isinstance(node, SequenceNode) else kind in (dict, Mapping) or dataclasses.is_dataclass(kind)
+    )
 
 
 def described(hint: Any) -> str:
     """A type in words."""
     kind = get_origin(hint) or hint
-    words = {float: 'a number', int: 'a whole number', str: 'text', bool: 'true or false', tuple: 'a list', Literal: 'a choice'}
+    words = {
+        float: 'a number',
+        int: 'a whole number',
+        str: 'text',
+        bool: 'true or false',
+        tuple: 'a list',
+        Literal: 'a choice',
+    }
     return words.get(kind, 'a mapping')
 
 
@@ -265,7 +312,8 @@ def is_number(text: str) -> bool:
 
 
 def _field(key: str, wanted: Mapping[str, object], hints: Mapping[str, Any]) -> tuple[str | None, str]:
-    """The field that a key means, None for none, and the unit that the key ends in, '' where its value is in that of the field."""
+    """The field that a key means, None for none, and the unit that the key ends in, '' where its value is in that of
+    the field."""
     if key in wanted:
         return key, ''
     stem, _, suffix = key.rpartition('_')
@@ -276,20 +324,36 @@ def _field(key: str, wanted: Mapping[str, object], hints: Mapping[str, Any]) -> 
 
 def with_units(wanted: Collection[str], hints: Mapping[str, Any]) -> list[str]:
     """The keys that the fields have with another unit: speed_kmh."""
-    return [f'{key}_{suffix}' for key in wanted for suffix, unit in SUFFIXES.items() if unit_of(hints[key]) == UNITS[unit][0]]
+    return [
+        f'{key}_{suffix}'
+        for key in wanted
+        for suffix, unit in SUFFIXES.items()
+        if unit_of(hints[key]) == UNITS[unit][0]
+    ]
 
 
 def _endings(node: Node) -> str:
     """Which files can be included, and how, where another one is named."""
     if how := unfit(node):
         return how
-    named = isinstance(node, ScalarNode) and node.style is None and INCLUDE.fullmatch(node.value) and not names_file(node)
-    return f'; files that can stand for their content end in .yaml, {", ".join(READERS)}' if named and not is_number(node.value) else ''
+    named = (
+        isinstance(node, ScalarNode) and node.style is None and INCLUDE.fullmatch(node.value) and not names_file(node)
+    )
+    return (
+        f'; files that can stand for their content end in .yaml, {", ".join(READERS)}'
+        if named and not is_number(node.value)
+        else ''
+    )
 
 
 def _whole_name(node: Node) -> str:
     """Remark on the name of a file, where a word stands in its place."""
-    word = isinstance(node, ScalarNode) and node.style is None and re.fullmatch(r'[\w/-]+', node.value) and not is_number(node.value)
+    word = (
+        isinstance(node, ScalarNode)
+        and node.style is None
+        and re.fullmatch(r'[\w/-]+', node.value)
+        and not is_number(node.value)
+    )
     return f'; a file is named with its ending, as {node.value}.yaml' if word else ''
 
 

@@ -1,10 +1,11 @@
 """Reader of tire property files (.tir) of the Magic Formula 5.0 to 6.2.
 
-A file has sections `[NAME]`, lines `KEY = value`, comments from `$`, `!` or `#` on, and tables of numbers, with or without a
-`{heading}` line. Other lines are comments without a mark. Units of dimensional entries follow [UNITS]; coefficients are dimensionless
-(angles in rad). Nothing is dropped silently: what the model does not use, coefficients of another version of the formula too, is kept in
-`extra`, what was made of a value is told in `notes` (solver.files.tire_receipt).
-Format reference: MF-Tyre/MF-Swift manuals (TNO); the PAC2002 files of Adams and Chrono have the coefficients of MF 5.2.
+A file has sections `[NAME]`, lines `KEY = value`, comments from `$`, `!` or `#` on, and tables of numbers, with or
+without a `{heading}` line. Other lines are comments without a mark. Units of dimensional entries follow [UNITS];
+coefficients are dimensionless (angles in rad). Nothing is dropped silently: what the model does not use, coefficients
+of another version of the formula too, is kept in `extra`, what was made of a value is told in `notes`
+(solver.files.tire_receipt). Format reference: MF-Tyre/MF-Swift manuals (TNO); the PAC2002 files of Adams and Chrono
+have the coefficients of MF 5.2.
 """
 
 from __future__ import annotations
@@ -35,13 +36,16 @@ UNITS: dict[str, dict[str, float]] = {
 DIMENSIONS = {
     **dict.fromkeys(('UNLOADED_RADIUS', 'WIDTH', 'RIM_RADIUS', 'BOTTOM_OFFST'), (1, 0, 0, 0)),
     **dict.fromkeys(('FNOMIN', 'FZMAX'), (0, 1, 0, 0)),
-    **dict.fromkeys(('VERTICAL_STIFFNESS', 'LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS', 'BOTTOM_STIFF'), (-1, 1, 0, 0)),
+    **dict.fromkeys(
+        ('VERTICAL_STIFFNESS', 'LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS', 'BOTTOM_STIFF'), (-1, 1, 0, 0)
+    ),
     **dict.fromkeys(('NOMPRES', 'INFLPRES'), (-2, 1, 0, 0)),
     **dict.fromkeys(('CAMMIN', 'CAMMAX'), (0, 0, 1, 0)),
     'VERTICAL_DAMPING': (-1, 1, 0, 1),
     'LONGVL': (1, 0, 0, -1),
 }
-RADII = (0.005, 2.5)  # m, of tires: wheels of models to those of dump trucks (4 m across); ten times as much lets a unit of cm pass
+# m, of tires: wheels of models to those of dump trucks (4 m across); ten times as much lets a unit of cm pass
+RADII = (0.005, 2.5)
 ALIASES = {
     **{'QV1': 'Q_V1', 'QV2': 'Q_V2', 'QFZ1': 'Q_FZ1', 'QFZ2': 'Q_FZ2', 'QRE0': 'Q_RE0', 'LFZ0': 'LFZO'},
     **{'IP': 'INFLPRES', 'IP_NOM': 'NOMPRES', 'QPZ1': 'PPZ1', 'QPZ2': 'PPZ2', 'QPX1': 'PPMX1'},  # PAC2002
@@ -68,11 +72,34 @@ MOTORCYCLE = 'PCY2'  # a coefficient that only MF-MCTyre has, whose FITTYP 51 an
 MOST_PASSED = 200  # lines without data; a file with wrapped comments has some, ten times as many are another file
 LARGEST_FILE = 4_000_000  # [bytes]; a tire file has some 20 000
 PRESSURE = (
-    *('NOMPRES', 'INFLPRES', 'PFZ1', 'PPX1', 'PPX2', 'PPX3', 'PPX4', 'PPY1', 'PPY2', 'PPY3', 'PPY4', 'PPY5', 'PPZ1', 'PPZ2', 'PPMX1'),
+    *(
+        'NOMPRES',
+        'INFLPRES',
+        'PFZ1',
+        'PPX1',
+        'PPX2',
+        'PPX3',
+        'PPX4',
+        'PPY1',
+        'PPY2',
+        'PPY3',
+        'PPY4',
+        'PPY5',
+        'PPZ1',
+        'PPZ2',
+        'PPMX1',
+    ),
     'QSY8',
 )
-# coefficients of 6.1 that the equations of 5.2 do not have; PAC2002 has those of pressure, overturning and rolling of 6.1
-OF_PAC2002 = (*(key for key in PRESSURE if key not in ('PFZ1', 'PPY5')), *(f'QSX{k}' for k in range(4, 12)), 'QSY5', 'QSY6', 'QSY7')
+# coefficients of 6.1 that the equations of 5.2 do not have; PAC2002 has those of pressure, overturning and rolling of
+# 6.1
+OF_PAC2002 = (
+    *(key for key in PRESSURE if key not in ('PFZ1', 'PPY5')),
+    *(f'QSX{k}' for k in range(4, 12)),
+    'QSY5',
+    'QSY6',
+    'QSY7',
+)
 NOT_OF_PAC2002 = (
     *('PFZ1', 'PPY5', 'LKYC', 'LKZC', 'PKY4', 'PKY5', 'PKY6', 'PKY7', 'PEY5', 'RBX3', 'RBY4', 'QDZ10', 'QDZ11'),
     *('QSX12', 'QSX13', 'QSX14'),
@@ -105,7 +132,8 @@ class Given(NamedTuple):
 
 
 class _Content:
-    """Entries by (section, KEY), rows of tables (line, text) by section, what is said of tables, lines without data by 'SECTION/line N'."""
+    """Entries by (section, KEY), rows of tables (line, text) by section, what is said of tables, lines without data by
+    'SECTION/line N'."""
 
     def __init__(self) -> None:
         self.entries: dict[tuple[str, str], _Entry] = {}
@@ -172,17 +200,22 @@ def _content(path: Path) -> _Content:
             _without_data(path, number, line)
             content.passed[f'{section}/line {number}'] = line[:80]
         if len(content.passed) > MOST_PASSED:
-            raise SceneError(f'{path}:{number}: {line[:80]!r} is the {len(content.passed)}th line without data: this is no tire file')
+            raise SceneError(
+                f'{path}:{number}: {line[:80]!r} is the {len(content.passed)}th line without data: this is no tire file'
+            )
     return content
 
 
 def _without_data(path: Path, number: int, line: str) -> None:
-    """A line that is no data is a comment without a mark; one that gives a coefficient in another way than KEY = value is refused."""
+    """A line that is no data is a comment without a mark; one that gives a coefficient in another way than KEY = value
+    is refused."""
     match = _BARE.match(line) or _KEY.match(line)
     key = match[1].upper() if match else ''
     if ALIASES.get(key, key) in DEFAULTS or key in ('FITTYP', 'PROPERTY_FILE_FORMAT', 'TYRESIDE'):
         remedy = 'write KEY = value, below a line [SECTION]; put a $ before it if it is a comment'
-        raise SceneError(f'{path}:{number}: {line!r} is not a section, a comment, a row of a table or KEY = value: {remedy}')
+        raise SceneError(
+            f'{path}:{number}: {line!r} is not a section, a comment, a row of a table or KEY = value: {remedy}'
+        )
 
 
 def _enter(content: _Content, number: int, section: str, written: str, text: str) -> None:
@@ -194,7 +227,10 @@ def _enter(content: _Content, number: int, section: str, written: str, text: str
         place = next((p for p in content.entries if p[1] == key), place)
     before = content.entries.get(place)
     if before is not None and before.text != text:
-        note = f'{note}; ' * bool(note) + f'given twice: line {number} counts, not {before.text or "nothing"} of line {before.line}'
+        note = (
+            f'{note}; ' * bool(note)
+            + f'given twice: line {number} counts, not {before.text or "nothing"} of line {before.line}'
+        )
     content.entries[place] = _Entry(number, section, text, note)
 
 
@@ -224,7 +260,8 @@ def _units(path: Path, entries: dict[tuple[str, str], _Entry]) -> dict[str, floa
 
 
 def _version(path: Path, model: dict[str, _Entry]) -> tuple[Literal[52, 61], str] | None:
-    """(version of the equations, what is said of it): FITTYP decides; without it PROPERTY_FILE_FORMAT; None where there is neither."""
+    """(version of the equations, what is said of it): FITTYP decides; without it PROPERTY_FILE_FORMAT; None where there
+    is neither."""
     fit, form = model.get('FITTYP'), model.get('PROPERTY_FILE_FORMAT')
     if fit is not None and fit.text:
         name = fit.quoted.upper().removesuffix('.0')
@@ -234,7 +271,10 @@ def _version(path: Path, model: dict[str, _Entry]) -> tuple[Literal[52, 61], str
     if form is not None and form.text:
         name = form.quoted.upper()
         if name not in FORMATS:
-            raise SceneError(f'{path}:{form.line}: PROPERTY_FILE_FORMAT = {form.text} is not supported; allowed: {", ".join(FORMATS)}')
+            raise SceneError(
+                f'{path}:{form.line}: PROPERTY_FILE_FORMAT = {form.text} is not supported; allowed: '
+                f'{", ".join(FORMATS)}'
+            )
         return FORMATS[name], f'equations of the Magic Formula {"5.2" if FORMATS[name] == 52 else "6.1"}'
     return None
 
@@ -275,9 +315,9 @@ def _curve(path: Path, rows: list[tuple[int, str]], units: dict[str, float]) -> 
 def read_tir(path: str | Path, given: Mapping[str, Given] | None = None) -> TireData:
     """Read a .tir file into SI units.
 
-    given: coefficients that count in place of those of the file. Keys the model does not use are kept in TireData.extra as 'SECTION/KEY'.
-    Raises SceneError, one sentence with file and line (or the place of what is given), for unreadable files, unknown formats and units,
-    bad numbers, missing or unacceptable coefficients.
+    given: coefficients that count in place of those of the file. Keys the model does not use are kept in TireData.extra
+    as 'SECTION/KEY'. Raises SceneError, one sentence with file and line (or the place of what is given), for unreadable
+    files, unknown formats and units, bad numbers, missing or unacceptable coefficients.
     """
     path, given = Path(path), given or {}
     content = _content(path)
@@ -297,7 +337,10 @@ def read_tir(path: str | Path, given: Mapping[str, Given] | None = None) -> Tire
         if entry.note:
             notes[key] = entry.note
         if key == MOTORCYCLE and version == 52 and entry.text and _number(path, key, entry) != 0.0:
-            raise SceneError(f'{path}:{entry.line}: {key} = {entry.text}: is of a motorcycle tire (MF-MCTyre), which is not supported')
+            raise SceneError(
+                f'{path}:{entry.line}: {key} = {entry.text}: is of a motorcycle tire (MF-MCTyre), which is not '
+                'supported'
+            )
         if key not in DEFAULTS or (key in elsewhere and key not in given):
             if key in elsewhere:
                 notes[key] = f'not in the equations of {elsewhere[key]}'
@@ -310,7 +353,9 @@ def read_tir(path: str | Path, given: Mapping[str, Given] | None = None) -> Tire
         else:
             values[key] = _number(path, key, entry) * _scale(key, units)
             lines[key] = f'{path}:{entry.line}'
-    extra |= {f'{name}/table': '; '.join(' '.join(text.split()) for _, text in rows) for name, rows in content.tables.items()}
+    extra |= {
+        f'{name}/table': '; '.join(' '.join(text.split()) for _, text in rows) for name, rows in content.tables.items()
+    }
     extra |= content.passed
     curves = {name: _curve(path, content.tables[name], units) for name in TABLES[1:] if name in content.tables}
     side = model.get('TYRESIDE')
@@ -320,7 +365,10 @@ def read_tir(path: str | Path, given: Mapping[str, Given] | None = None) -> Tire
         notes['TYRESIDE'] = 'not known: taken as LEFT'
     for key, (value, place) in given.items():
         if key in elsewhere:
-            raise SceneError(f'{place}: {key} = {value:g}: is not in the equations of {elsewhere[key]}, which {path} is of: leave it out')
+            raise SceneError(
+                f'{place}: {key} = {value:g}: is not in the equations of {elsewhere[key]}, which {path} is of: leave '
+                'it out'
+            )
         notes[key] = f'given beside the file, which has {values[key]:g}' if key in values else 'given beside the file'
         values[key], lines[key] = value, place
     _require_size(path, values, lines, entries, given)
@@ -334,7 +382,14 @@ def read_tir(path: str | Path, given: Mapping[str, Given] | None = None) -> Tire
         complete(values, extra, notes, curves, version, units['LENGTH'], frozenset(given))
         which = SIDES[side.quoted.upper()] if side else 'left'
         return TireData(
-            name=path.stem, version=version, values=values, side=which, source=path.name, extra=extra, notes=notes, places=lines
+            name=path.stem,
+            version=version,
+            values=values,
+            side=which,
+            source=path.name,
+            extra=extra,
+            notes=notes,
+            places=lines,
         )
     except SpecError as error:
         message = str(error)
@@ -343,7 +398,11 @@ def read_tir(path: str | Path, given: Mapping[str, Given] | None = None) -> Tire
 
 
 def _require_size(
-    path: Path, values: dict[str, float], lines: dict[str, str], entries: dict[tuple[str, str], _Entry], given: Mapping[str, Given]
+    path: Path,
+    values: dict[str, float],
+    lines: dict[str, str],
+    entries: dict[tuple[str, str], _Entry],
+    given: Mapping[str, Given],
 ) -> None:
     """Raise SceneError for a radius that no tire has: it is in another unit than its file, or its place, says."""
     radius = values.get('UNLOADED_RADIUS', RADII[0])
@@ -353,14 +412,20 @@ def _require_size(
     if 'UNLOADED_RADIUS' not in given:
         written = next(entry.text for (_, key), entry in entries.items() if key == 'UNLOADED_RADIUS')
         length = entries.get(('UNITS', 'LENGTH'))
-        unit = f'LENGTH = {length.text} in line {length.line}' if length else '[UNITS] gives no LENGTH, which stands for m'
+        unit = (
+            f'LENGTH = {length.text} in line {length.line}' if length else '[UNITS] gives no LENGTH, which stands for m'
+        )
     remedy = f'must be between {RADII[0]:g} and {RADII[1]:g} m; check the unit of length ({unit})'
     raise SceneError(f'{lines["UNLOADED_RADIUS"]}: UNLOADED_RADIUS = {written}: a tire of {radius:g} m; {remedy}')
 
 
 def _lacking(path: Path, missing: list[str], formless: bool) -> str:
     """The sentence that names all a file lacks, and the two places where it may be given."""
-    says = f'[MODEL] has neither FITTYP ({", ".join(TYPES)}) nor PROPERTY_FILE_FORMAT ({", ".join(FORMATS)})' if formless else ''
+    says = (
+        f'[MODEL] has neither FITTYP ({", ".join(TYPES)}) nor PROPERTY_FILE_FORMAT ({", ".join(FORMATS)})'
+        if formless
+        else ''
+    )
     if missing:
         beside = ', '.join(f'{key}: ...' for key in missing)
         lacks = f'{", ".join(missing)} {"are" if len(missing) > 1 else "is"} missing, and without a default'

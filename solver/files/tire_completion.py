@@ -16,7 +16,8 @@ import numpy as np
 from solver.compiled.portable import inverse, product
 from solver.errors import SpecError
 
-# Carcass stiffness over vertical stiffness of the passenger car tire 225/50 R17 of test/data (358 and 103 kN/m of 210 kN/m)
+# Carcass stiffness over vertical stiffness of the passenger car tire 225/50 R17 of test/data (358 and 103 kN/m of 210
+# kN/m)
 CARCASS_X, CARCASS_Y = 1.71, 0.49
 # Load with the largest cornering stiffness where no side force was measured, relative to FNOMIN. Ten times as much
 # makes the cornering stiffness proportional to the load.
@@ -65,19 +66,31 @@ def directions(values: dict[str, float], notes: dict[str, str]) -> None:
             continue
         if axis == 'X' and not values.get('PKY2', 0.0) > 0.0:
             continue  # TireData refuses the file by this coefficient
-        found = {f'P{group}{axis}{k}': values.get(f'P{group}{other}{k}', 0.0) for group, k in ('C1', 'D1', 'D2', 'D3', 'E1', 'E2')}
+        found = {
+            f'P{group}{axis}{k}': values.get(f'P{group}{other}{k}', 0.0)
+            for group, k in ('C1', 'D1', 'D2', 'D3', 'E1', 'E2')
+        }
         found[f'PD{axis}1'] = abs(found[f'PD{axis}1'])
         if axis == 'X':  # the same stiffness and change of it with the load, at FNOMIN
             angle = values.get('PKY4', 2.0) * math.atan(1.0 / values['PKY2'])
-            turn = values.get('PKY4', 2.0) * values['PKY2'] / (values['PKY2'] ** 2 + 1.0)  # d(angle)/d(load over FNOMIN)
+            # d(angle)/d(load over FNOMIN)
+            turn = values.get('PKY4', 2.0) * values['PKY2'] / (values['PKY2'] ** 2 + 1.0)
             found |= {'PKX1': -values['PKY1'] * math.sin(angle), 'PKX2': 0.0, 'PKX3': turn / math.tan(angle) - 1.0}
         else:
-            found |= {'PKY2': PEAK_LOAD, 'PKY4': 2.0, 'PKY1': -values['PKX1'] / math.sin(2.0 * math.atan(1.0 / PEAK_LOAD))}
+            found |= {
+                'PKY2': PEAK_LOAD,
+                'PKY4': 2.0,
+                'PKY1': -values['PKX1'] / math.sin(2.0 * math.atan(1.0 / PEAK_LOAD)),
+            }
         if values.get(f'PD{other}1', 0.0) < 0.0:
             found[f'PD{axis}2'] = -found[f'PD{axis}2']
         values |= dict.fromkeys((f'P{rest}{axis}{k}' for rest, k in ('E3', 'E4', 'H1', 'H2', 'V1', 'V2')), 0.0) | found
         for key in found:
-            _note(notes, key, f'no {"longitudinal" if axis == "X" else "side"} force in the file: that of the {measured} force')
+            _note(
+                notes,
+                key,
+                f'no {"longitudinal" if axis == "X" else "side"} force in the file: that of the {measured} force',
+            )
 
 
 def _number(extra: Mapping[str, float | str], key: str, default: float) -> float:
@@ -100,7 +113,8 @@ def _load_curve(values: dict[str, float], notes: dict[str, str], curve: list[tup
     inside = points[: max(int(np.searchsorted(points[:, 1], RANGE * F0)) + 1, 2)] if len(points) else points
     if len({x for x, _ in inside.tolist()}) < 2:
         raise SpecError(
-            f'DEFLECTION_LOAD_CURVE: {len(points)} rows with a deflection are too few: give two different ones, or remove the section'
+            f'DEFLECTION_LOAD_CURVE: {len(points)} rows with a deflection are too few: give two different ones, or '
+            'remove the section'
         )
     x, force = inside[:, 0] / R0, inside[:, 1] / F0
     A = np.column_stack((x, x * x))
@@ -112,7 +126,9 @@ def _load_curve(values: dict[str, float], notes: dict[str, str], curve: list[tup
             'FNOMIN): remove the section, or give Q_FZ1 and Q_FZ2'
         )
     values['Q_FZ1'], values['Q_FZ2'] = float(q1), float(q2)
-    text = f'of the parabola nearest to DEFLECTION_LOAD_CURVE, which it misses by at most {100.0 * error:.2g} % of FNOMIN'
+    text = (
+        f'of the parabola nearest to DEFLECTION_LOAD_CURVE, which it misses by at most {100.0 * error:.2g} % of FNOMIN'
+    )
     for key in ('Q_FZ1', 'Q_FZ2'):
         _note(notes, key, text)
     if 'VERTICAL_STIFFNESS' not in values:
@@ -120,7 +136,9 @@ def _load_curve(values: dict[str, float], notes: dict[str, str], curve: list[tup
         _note(notes, 'VERTICAL_STIFFNESS', 'slope of DEFLECTION_LOAD_CURVE at FNOMIN')
 
 
-def _bottoming_curve(values: dict[str, float], notes: dict[str, str], curve: list[tuple[float, float]], radius: float) -> None:
+def _bottoming_curve(
+    values: dict[str, float], notes: dict[str, str], curve: list[tuple[float, float]], radius: float
+) -> None:
     """Set BOTTOM_STIFF and BOTTOM_OFFST to the straight line that fits the curve best, from the point where it begins
     to rise.
 

@@ -30,7 +30,23 @@ class Entry:
 
 TURN_SLIP = ('LMP', 'PDXP', 'PKYP', 'PDYP', 'PHYP', 'PECP', 'QDTP', 'QCRP', 'QBRP', 'QDRP')
 OF_PARKING = ('LMP', 'PECP', 'QCRP1', 'QDRP')  # those of the moment against turning on the spot
-PRESSURE = ('PPX1', 'PPX2', 'PPX3', 'PPX4', 'PPY1', 'PPY2', 'PPY3', 'PPY4', 'PPY5', 'PPZ1', 'PPZ2', 'PPMX1', 'PFZ1', 'QSY8', 'INFLPRES')
+PRESSURE = (
+    'PPX1',
+    'PPX2',
+    'PPX3',
+    'PPX4',
+    'PPY1',
+    'PPY2',
+    'PPY3',
+    'PPY4',
+    'PPY5',
+    'PPZ1',
+    'PPZ2',
+    'PPMX1',
+    'PFZ1',
+    'QSY8',
+    'INFLPRES',
+)
 OF_61 = ('LKYC', 'LKZC', 'PKY6', 'PKY7', 'PPY5')
 OF_52 = ('LGAX', 'LGAY', 'LGAZ', 'PHY3')
 CARCASS = ('LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS', 'PCFX1', 'PCFX2', 'PCFX3', 'PCFY1', 'PCFY2', 'PCFY3')
@@ -42,27 +58,50 @@ REASONS = {  # by key, or by what keys begin with where there is a *
     **dict.fromkeys(('MASS', 'IXX', 'IYY', 'GRAVITY'), 'masses are those of the bodies of the model'),
     **dict.fromkeys(('BELT_*', 'FREQ_*', 'DAMP_*', 'YAW_STIFFNESS', 'Q_BVX', 'Q_BVT', 'PCMZ1'), BELT),
     **dict.fromkeys(('MBELT', 'QTZ1', 'LGYR'), 'no gyroscopic moment of the belt'),
-    **dict.fromkeys(('Q_FCX', 'QFCX', 'Q_FCY', 'QFCY', 'Q_FCY2', 'Q_FZ3', 'QFZ3', 'QFCG', 'Q_CAM*', 'QCAM*', 'Q_FYS*', 'QFYS*'), LOAD),
+    **dict.fromkeys(
+        ('Q_FCX', 'QFCX', 'Q_FCY', 'QFCY', 'Q_FCY2', 'Q_FZ3', 'QFZ3', 'QFCG', 'Q_CAM*', 'QCAM*', 'Q_FYS*', 'QFYS*'),
+        LOAD,
+    ),
     **dict.fromkeys(('MC_CONTOUR_*',), 'the tread is flat across: no round contour'),
     **dict.fromkeys(('DYNAMIC_STIFFNESS', 'DYNAMIC_DAMPING'), 'the vertical spring does not depend on frequency'),
-    **dict.fromkeys(('Q_A1', 'Q_A2', 'QA*', 'ELLIPS_*'), 'the enveloping contact has its own rows and steps (road.contact)'),
+    **dict.fromkeys(
+        ('Q_A1', 'Q_A2', 'QA*', 'ELLIPS_*'), 'the enveloping contact has its own rows and steps (road.contact)'
+    ),
     **dict.fromkeys(('KPUMIN', 'KPUMAX', 'ALPMIN', 'ALPMAX', 'FZMIN', 'PRESMIN', 'PRESMAX'), RANGE),
-    **dict.fromkeys(('PTX4', 'PTY3', 'VXLOW'), 'standstill and low speed are those of the element (low_speed, standstill_damping)'),
+    **dict.fromkeys(
+        ('PTX4', 'PTY3', 'VXLOW'), 'standstill and low speed are those of the element (low_speed, standstill_damping)'
+    ),
     **dict.fromkeys(('ASPECT_RATIO', 'RIM_WIDTH', 'SHAPE/table'), 'measures that no equation of the model has'),
     **dict.fromkeys(('ENV_C1', 'ENV_C2'), 'the effective height and slope are not attenuated'),
     **dict.fromkeys(('BOTTOMING_RADIUS',), 'there is no BOTTOMING_CURVE'),
     **dict.fromkeys(('LKG',), 'no scale factor of the camber stiffness in 5.2'),
     **dict.fromkeys(('FE_METHOD',), 'combined slip by the coefficients RB*, RC*, not by a friction ellipse'),
     **dict.fromkeys(('line *',), 'no KEY = value, row or section: passed over as a comment'),
-    **dict.fromkeys(('USE_MODE', 'USER_SUB_ID', 'N_TIRE_STATES', 'HMAX_LOCAL', 'TIME_SWITCH_INTEG', 'LOCAL_SOLVER*', 'MESSAGES'), PROGRAM),
-    **dict.fromkeys(('ROAD_*', 'CONTACT_MODEL', 'BELT_DYNAMICS', 'MFSAFE*', 'SWITCH_INTEG', 'TYPE', 'FUNCTION_NAME'), PROGRAM),
-    **dict.fromkeys(('FILE_TYPE', 'FILE_VERSION', 'FILE_FORMAT', 'TIRE_VERSION', 'COMMENT*', 'GOODYEAR/*'), 'describes the file'),
+    **dict.fromkeys(
+        ('USE_MODE', 'USER_SUB_ID', 'N_TIRE_STATES', 'HMAX_LOCAL', 'TIME_SWITCH_INTEG', 'LOCAL_SOLVER*', 'MESSAGES'),
+        PROGRAM,
+    ),
+    **dict.fromkeys(
+        ('ROAD_*', 'CONTACT_MODEL', 'BELT_DYNAMICS', 'MFSAFE*', 'SWITCH_INTEG', 'TYPE', 'FUNCTION_NAME'), PROGRAM
+    ),
+    **dict.fromkeys(
+        ('FILE_TYPE', 'FILE_VERSION', 'FILE_FORMAT', 'TIRE_VERSION', 'COMMENT*', 'GOODYEAR/*'), 'describes the file'
+    ),
 }
-CONSUMED = ('FITTYP', 'PROPERTY_FILE_FORMAT', 'TYRESIDE', 'LCZ', 'LIP', 'DEFLECTION_LOAD_CURVE/table', 'BOTTOMING_CURVE/table')
+CONSUMED = (
+    'FITTYP',
+    'PROPERTY_FILE_FORMAT',
+    'TYRESIDE',
+    'LCZ',
+    'LIP',
+    'DEFLECTION_LOAD_CURVE/table',
+    'BOTTOMING_CURVE/table',
+)
 
 
 def receipt(data: TireData, *, turn_slip: bool | None = None) -> list[Entry]:
-    """Every key that the file has or the model needs, in the order of the file. turn_slip: that of the tire (TireSpec)."""
+    """Every key that the file has or the model needs, in the order of the file. turn_slip: that of the tire
+    (TireSpec)."""
     found: list[Entry] = []
     for key, value in data.values.items():
         why = _unread(data, key, turn_slip)
@@ -75,10 +114,17 @@ def receipt(data: TireData, *, turn_slip: bool | None = None) -> list[Entry]:
         used = key in CONSUMED or place in CONSUMED
         if used or (key == 'BOTTOMING_RADIUS' and 'BOTTOMING_CURVE/table' in data.extra):
             found.append(
-                Entry(key=place, fate='used', value=kept, why=data.notes.get(key if key != 'table' else place.rpartition('/')[0], ''))
+                Entry(
+                    key=place,
+                    fate='used',
+                    value=kept,
+                    why=data.notes.get(key if key != 'table' else place.rpartition('/')[0], ''),
+                )
             )
         else:
-            found.append(Entry(key=place, fate='ignored', value=kept, why=data.notes[key] if key in DEFAULTS else _reason(place)))
+            found.append(
+                Entry(key=place, fate='ignored', value=kept, why=data.notes[key] if key in DEFAULTS else _reason(place))
+            )
     if 'TYRESIDE' in data.notes and not any(place.endswith('/TYRESIDE') for place in data.extra):
         found.append(Entry(key='TYRESIDE', fate='defaulted', value='LEFT'))
     foreign = {place.rpartition('/')[2] for place in data.extra}
@@ -98,7 +144,8 @@ def turn_slip_of(data: TireData, turn_slip: bool | None) -> str:
     return f'none: {lacking}' if lacking else f'against parking alone, below {PARKING_ENDS:g} m/s'
 
 
-MODES = {0: 'the load alone', 1: 'Fx and My alone', 2: 'Fy, Mx and Mz alone', 3: 'forces without combined slip'}  # USE_MODE, last digit
+# USE_MODE, last digit
+MODES = {0: 'the load alone', 1: 'Fx and My alone', 2: 'Fy, Mx and Mz alone', 3: 'forces without combined slip'}
 
 
 def warnings(data: TireData, pressure: float | None = None) -> list[str]:
@@ -120,7 +167,10 @@ def warnings(data: TireData, pressure: float | None = None) -> list[str]:
         value = next((v for place, v in data.extra.items() if place.endswith('/' + key)), 0.0)
         if isinstance(value, float) and value != 0.0:
             axis = 'Fx' if key.endswith('X') else 'Fy'
-            said.append(f'{key} = {value:g}: ignored; the load would be {100.0 * value * value:.2g} % smaller at {axis} = FNOMIN')
+            said.append(
+                f'{key} = {value:g}: ignored; the load would be {100.0 * value * value:.2g} % smaller at {axis} = '
+                'FNOMIN'
+            )
     return said + oddities(data, pressure)
 
 
@@ -138,10 +188,16 @@ def _of_other_versions(data: TireData) -> list[str]:
     kept = {place.rpartition('/')[2]: value for place, value in data.extra.items()}
     foreign: dict[str, list[str]] = {}
     for key in DEFAULTS:
-        if key in kept and kept[key] not in (DEFAULTS[key], 0.0, '') and 'not in the equations' in data.notes.get(key, ''):
+        if (
+            key in kept
+            and kept[key] not in (DEFAULTS[key], 0.0, '')
+            and 'not in the equations' in data.notes.get(key, '')
+        ):
             foreign.setdefault(data.notes[key], []).append(key)
     names = OF_52 if data.version == 61 else ()
-    foreign['not in the equations of 6.1'] = [key for key in names if key in data.values and data.values[key] != DEFAULTS[key]]
+    foreign['not in the equations of 6.1'] = [
+        key for key in names if key in data.values and data.values[key] != DEFAULTS[key]
+    ]
     return [f'{", ".join(keys)}: ignored, {reason}' for reason, keys in foreign.items() if keys]
 
 
@@ -152,9 +208,15 @@ def _of_mode(data: TireData) -> list[str]:
         return []
     said = []
     if abs(int(mode)) % 10 in MODES:
-        said.append(f'USE_MODE = {mode:g}: ignored; it asks for {MODES[abs(int(mode)) % 10]}, and all forces act, with combined slip')
+        said.append(
+            f'USE_MODE = {mode:g}: ignored; it asks for {MODES[abs(int(mode)) % 10]}, and all forces act, with '
+            'combined slip'
+        )
     if mode < 0.0:
-        said.append(f'USE_MODE = {mode:g}: ignored; it asks for mirrored data, and tires are mirrored by the side of the vehicle')
+        said.append(
+            f'USE_MODE = {mode:g}: ignored; it asks for mirrored data, and tires are mirrored by the side of the '
+            'vehicle'
+        )
     return said
 
 
@@ -197,7 +259,11 @@ def _reason(place: str) -> str:
     key = place.rpartition('/')[2]
     for pattern, why in REASONS.items():
         begins = pattern.removesuffix('*')
-        if place.startswith(begins) if '/' in pattern else (key.startswith(begins) if pattern.endswith('*') else key == pattern):
+        if (
+            place.startswith(begins)
+            if '/' in pattern
+            else (key.startswith(begins) if pattern.endswith('*') else key == pattern)
+        ):
             return why
     return 'not known to this model'
 
@@ -205,4 +271,6 @@ def _reason(place: str) -> str:
 def told_of_tires(tires: Sequence[TireSpec]) -> list[str]:
     """warnings() of every tire file of a model once, each with the name of the file."""
     distinct = {(tire.data.source or tire.data.name, tire.pressure): tire for tire in tires}
-    return [f'{name}: {sentence}' for (name, _), tire in distinct.items() for sentence in warnings(tire.data, tire.pressure)]
+    return [
+        f'{name}: {sentence}' for (name, _), tire in distinct.items() for sentence in warnings(tire.data, tire.pressure)
+    ]

@@ -1,10 +1,11 @@
 """A model as URDF: the spanning tree that `robot_description` shows, with the joints of `joint_states`.
 
-URDF knows trees of joints with one coordinate each; a car has loops, ball joints and bushings. The tree is grown from the root, always
-along the connection that says most about the relative motion:
+URDF knows trees of joints with one coordinate each; a car has loops, ball joints and bushings. The tree is grown from
+the root, always along the connection that says most about the relative motion:
 
     revolute, prismatic, cylindrical   exact; the coordinates of these joints
-    other joint coordinates            e.g. travel_front_left: only this part of the motion is shown; of a guided wheel travel and spin
+    other joint coordinates            e.g. travel_front_left: only this part of the motion is shown; of a guided wheel
+                                       travel and spin
     any other joint, bushing, spring   'fixed' as at the start
 
 so every body has a link, every moving joint bears the name of a joint coordinate, and at the start all links are where
@@ -29,7 +30,8 @@ from solver.model.spec import ModelSpec
 
 ON_AXIS = 1e-9  # m: a body whose origin is nearer to the axis of its joint needs no link of its own for the axis
 THINNEST = 0.01  # m, of a drawn box
-ALONG_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # turns the axis of a cylinder, z, to the spin axis of a wheel
+# turns the axis of a cylinder, z, to the spin axis of a wheel
+ALONG_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 EXACT, COORDINATE, JOINT, BUSHING, OTHER = range(5)  # connections, in the order in which they are chosen
 
 
@@ -62,7 +64,8 @@ def _edges(spec: ModelSpec) -> list[Edge]:
     for guide in spec.guides:
         for wheel in (guide.left, guide.right):
             own = [c for c in spec.coordinates if {c.i.body, c.j.body} == {guide.chassis, wheel}]
-            moving = sorted((c for c in own if c.i.body == guide.chassis), key=lambda c: c.kind == 'rotation')  # travel, then spin
+            # travel, then spin
+            moving = sorted((c for c in own if c.i.body == guide.chassis), key=lambda c: c.kind == 'rotation')
             edges.append(Edge(COORDINATE, wheel, guide.chassis, wheel, tuple(moving)))
     edges += [Edge(COORDINATE, c.name, c.i.body, c.j.body, (c,)) for c in spec.coordinates]
     edges += [Edge(BUSHING, e.name, e.i.body, e.j.body, ()) for e in spec.bushings]
@@ -148,7 +151,9 @@ class _Writer:
             link.remove(visual)
         return name
 
-    def joint(self, kind: str, name: str, parent: str, child: str, origin: Pose, axis: np.ndarray | None = None) -> None:
+    def joint(
+        self, kind: str, name: str, parent: str, child: str, origin: Pose, axis: np.ndarray | None = None
+    ) -> None:
         joint = ElementTree.SubElement(self.robot, 'joint', name=name, type=kind)
         _origin(joint, *origin)
         ElementTree.SubElement(joint, 'parent', link=parent)
@@ -159,7 +164,8 @@ class _Writer:
             ElementTree.SubElement(joint, 'limit', lower='-100', upper='100', effort='1e9', velocity='1e3')
 
     def connect(self, parent: str, child: str, edge: Edge) -> None:
-        """Joints from the link of parent to that of child so that they stand where the bodies stand, at the values of the start."""
+        """Joints from the link of parent to that of child so that they stand where the bodies stand, at the values of
+        the start."""
         here, link, goal = self.poses[parent], self.links[parent], self.poses[child]
         name = self.link(child)
         forward = edge.i == parent
@@ -200,8 +206,8 @@ class _Writer:
 
 
 def robot_description(spec: ModelSpec, pose: np.ndarray, values: dict[str, float], name: str) -> str:
-    """URDF of a model. pose (nb, 7): reference frames of the bodies at the start (Snapshot.pose); values: joint coordinates there, by name
-    [rad or m]; name: of the robot."""
+    """URDF of a model. pose (nb, 7): reference frames of the bodies at the start (Snapshot.pose); values: joint
+    coordinates there, by name [rad or m]; name: of the robot."""
     root = spec.chassis or WORLD
     poses = {b.name: Pose(p[:3], matrix(p[3:].tolist())) for b, p in zip(spec.bodies, pose, strict=True)}
     poses[WORLD] = Pose(np.zeros(3), np.eye(3))

@@ -3,8 +3,9 @@
     kind: light_car
     chassis: {mass: 1250, ...}
 
-The other keys are the fields of the template's data class; a further template is one entry in TEMPLATES. The key `elements` adds bodies,
-coordinates and elements to what the template makes, in the sections of a mechanism file (docs/vehicle.md).
+The other keys are the fields of the template's data class; a further template is one entry in TEMPLATES. The key
+`elements` adds bodies, coordinates and elements to what the template makes, in the sections of a mechanism file
+(docs/vehicle.md).
 """
 
 from __future__ import annotations
@@ -40,7 +41,11 @@ def build_vehicle(builder: Builder, node: Node, path: str) -> ModelSpec:
     """The model of a vehicle from its node. Raises SceneError."""
     fields = builder.mapping(node, path)
     if 'kind' not in fields:
-        scene = '; this is a scene: give what stands under its key vehicle' if fields.keys() & {'vehicle', 'mechanism'} else ''
+        scene = (
+            '; this is a scene: give what stands under its key vehicle'
+            if fields.keys() & {'vehicle', 'mechanism'}
+            else ''
+        )
         raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing; one of: {', '.join(TEMPLATES)}{scene}")
     kind = builder.choice(fields.pop('kind')[1], join(path, 'kind'), TEMPLATES, 'unknown kind of vehicle')
     data, template = TEMPLATES[kind]
@@ -56,9 +61,12 @@ def build_vehicle(builder: Builder, node: Node, path: str) -> ModelSpec:
 
 
 def _with_elements(builder: Builder, model: ModelSpec, node: Node, path: str) -> ModelSpec:
-    """The model of a vehicle with what its file adds; places are in the design frame, in which the bodies of the vehicle are placed."""
+    """The model of a vehicle with what its file adds; places are in the design frame, in which the bodies of the
+    vehicle are placed."""
     reader = MechanismReader()
-    reader.bodies.update({body.name: Placement(np.array(body.position), matrix(body.orientation)) for body in model.bodies})
+    reader.bodies.update(
+        {body.name: Placement(np.array(body.position), matrix(body.orientation)) for body in model.bodies}
+    )
     inner = reader.builder()
     inner.units, inner.longest = builder.units, FARTHEST
     hints, fields = hints_of(ModelSpec), inner.mapping(node, path)

@@ -23,7 +23,10 @@ from solver.files.tir import Given, read_tir
 from solver.units import SUFFIXES
 
 # The tags that a value may have.
-TAGS = tuple(f'tag:yaml.org,2002:{kind}' for kind in ('map', 'seq', 'str', 'int', 'float', 'bool', 'null', 'timestamp', 'merge', 'value'))
+TAGS = tuple(
+    f'tag:yaml.org,2002:{kind}'
+    for kind in ('map', 'seq', 'str', 'int', 'float', 'bool', 'null', 'timestamp', 'merge', 'value')
+)
 MERGE = 'tag:yaml.org,2002:merge'  # the key <<
 MOST_CHARACTERS = 1 << 20  # characters of a file and all its includes together: about five seconds of reading
 MOST_KEPT = 1 << 16  # characters of a text whose nodes are kept in memory, for the next scene that includes it
@@ -106,7 +109,9 @@ class Extent:
         """Count a value that is looked at."""
         self._values += 1
         if self._values > MOST_VALUES:
-            raise SceneError(f'{where(node)}: with every alias and include in place there are more than {MOST_VALUES} values')
+            raise SceneError(
+                f'{where(node)}: with every alias and include in place there are more than {MOST_VALUES} values'
+            )
 
 
 def parse(text: str, name: str, extent: Extent | None = None) -> Node:
@@ -194,7 +199,10 @@ def _check(node: Node, path: str, above: tuple[int, ...], extent: Extent) -> Non
                 what = 'must be the name of a file, without quotes: its content is changed by the keys beside <<'
                 raise refuse(value, here, what + unfit(value))
             if key.value in first:
-                raise SceneError(f'{where(key)}: {here}: the key is given twice (first in line {first[key.value].start_mark.line + 1})')
+                raise SceneError(
+                    f'{where(key)}: {here}: the key is given twice (first in line '
+                    f'{first[key.value].start_mark.line + 1})'
+                )
             first[key.value] = key
             _check(value, here, above, extent)
 
@@ -273,7 +281,10 @@ def include(
     elif isinstance(node, MappingNode):
         beside = _coefficients(node)
         entries = [
-            (key, include(value, directories, above, join(path, key.value), extent, beside if key.tag == MERGE else None))
+            (
+                key,
+                include(value, directories, above, join(path, key.value), extent, beside if key.tag == MERGE else None),
+            )
             for key, value in node.value
         ]
         node.value = [entry for entry in entries if entry[0].tag != MERGE]
@@ -303,7 +314,9 @@ def _coefficients(node: MappingNode) -> dict[str, Given]:
     given = {}
     for key, value in values.value:
         if key.value not in DEFAULTS:
-            raise refuse(value, f'values.{key.value}', 'is not a coefficient of this model' + suggestion(key.value, DEFAULTS))
+            raise refuse(
+                value, f'values.{key.value}', 'is not a coefficient of this model' + suggestion(key.value, DEFAULTS)
+            )
         if not (isinstance(value, ScalarNode) and value.tag.endswith((':float', ':int'))):
             raise refuse(value, f'values.{key.value}', 'must be a number')
         given[key.value] = Given(float(yaml.safe_load(value.value)), where(value))
@@ -346,7 +359,9 @@ def node_of(value: Any, mark: Any) -> Node:
     if dataclasses.is_dataclass(value):
         value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
     if isinstance(value, Mapping):
-        return MappingNode(TAGS[0], [(ScalarNode(TAGS[2], k, mark, mark), node_of(v, mark)) for k, v in value.items()], mark, mark)
+        return MappingNode(
+            TAGS[0], [(ScalarNode(TAGS[2], k, mark, mark), node_of(v, mark)) for k, v in value.items()], mark, mark
+        )
     if isinstance(value, tuple | list):
         return SequenceNode(TAGS[1], [node_of(v, mark) for v in value], mark, mark, flow_style=True)
     if isinstance(value, str):
@@ -369,7 +384,10 @@ def place_of(node: MappingNode, key: str, last: bool) -> int | None:
     words = [entry.value for entry, _ in node.value]
     if key in words or not last:
         return words.index(key) if key in words else None
-    plain = (not isinstance(value, MappingNode) and bare(word) == bare(key) for word, (_, value) in zip(words, node.value, strict=True))
+    plain = (
+        not isinstance(value, MappingNode) and bare(word) == bare(key)
+        for word, (_, value) in zip(words, node.value, strict=True)
+    )
     return next((k for k, same in enumerate(plain) if same), None)
 
 

@@ -1,15 +1,15 @@
 """Actuation of a vehicle, as data: the commands that it takes, and the actuators between a command and its effect.
 
-Chain turns commands into inputs, step by step: first the dead time (whole steps), then the lag with the rate limit. Each part is advanced
-by its closed-form solution, so it depends on nothing but its state and the commands.
+Chain turns commands into inputs, step by step: first the dead time (whole steps), then the lag with the rate limit.
+Each part is advanced by its closed-form solution, so it depends on nothing but its state and the commands.
 
 A force-like input y follows its command u by a lag of first order with a limit of its rate,
 
     dy/dt = clip((u - y) / lag, -rate_limit, rate_limit)
 
-with u constant over a step; what acts in the step is y at the instant where the integrator balances forces. A motion needs an
-acceleration that belongs to it: a reference r runs after the command at no more than rate_limit, and the angle x follows it by
-x'' = w^2 (r - x) - 2 w x' (critically damped). Both are behind a ramp by `lag` seconds (w = 2 / lag).
+with u constant over a step; what acts in the step is y at the instant where the integrator balances forces. A motion
+needs an acceleration that belongs to it: a reference r runs after the command at no more than rate_limit, and the angle
+x follows it by x'' = w^2 (r - x) - 2 w x' (critically damped). Both are behind a ramp by `lag` seconds (w = 2 / lag).
 """
 
 from __future__ import annotations
@@ -35,8 +35,9 @@ LONGEST_DEAD_TIME = 10.0  # s
 class Actuator:
     """Actuator between a command and the input that it commands.
 
-    dead_time: nothing happens, rounded to whole steps. lag: time by which the input runs behind a ramp. rate_limit: largest rate of the
-    input, in its unit per second (none: without limit); of a motion it needs a lag, or the motion would have corners.
+    dead_time: nothing happens, rounded to whole steps. lag: time by which the input runs behind a ramp. rate_limit:
+    largest rate of the input, in its unit per second (none: without limit); of a motion it needs a lag, or the motion
+    would have corners.
     """
 
     dead_time: Time = 0.0
@@ -121,8 +122,8 @@ class _Motion:
 class Chain:
     """The actuators of a simulation between its commands and its inputs.
 
-    stage: where in the step the integrator balances forces, as a fraction of h. state: of all of them; assign it to restore.
-    Raises SpecError for a rate limit of a motion without lag.
+    stage: where in the step the integrator balances forces, as a fraction of h. state: of all of them; assign it to
+    restore. Raises SpecError for a rate limit of a motion without lag.
     """
 
     def __init__(self, actuators: Mapping[str, Actuator], input_names: Sequence[str], h_ns: int, stage: float) -> None:
@@ -133,7 +134,10 @@ class Chain:
             part: _Force | _Motion = _Force(actuator, h, stage)
             if {name + RATE, name + ACCELERATION} <= set(names):
                 if actuator.rate_limit is not None and actuator.lag == 0.0:
-                    raise SpecError(f'actuation.actuators.{name}: rate_limit without lag: the motion would have corners; give it a lag')
+                    raise SpecError(
+                        f'actuation.actuators.{name}: rate_limit without lag: the motion would have corners; give it a '
+                        'lag'
+                    )
                 places += [names.index(name + RATE), names.index(name + ACCELERATION)]
                 part = _Motion(actuator, h)
             steps = round(actuator.dead_time / h)
@@ -164,12 +168,16 @@ class Chain:
     @property
     def state(self) -> np.ndarray:
         """State of every part, and the commands that wait."""
-        return np.concatenate([np.zeros(0), *(x for _, waiting, part in self._parts for x in (part.state, np.ravel(list(waiting))))])
+        return np.concatenate(
+            [np.zeros(0), *(x for _, waiting, part in self._parts for x in (part.state, np.ravel(list(waiting))))]
+        )
 
     @state.setter
     def state(self, value: np.ndarray) -> None:
         if value.shape != self.state.shape:
-            raise SpecError(f'restore: the actuators have {self.state.size} states here, {value.size} are saved: other scene')
+            raise SpecError(
+                f'restore: the actuators have {self.state.size} states here, {value.size} are saved: other scene'
+            )
         at = 0
         for places, waiting, part in self._parts:
             part.state, at = value[at : at + part.state.size].copy(), at + part.state.size

@@ -1,19 +1,21 @@
-"""Assistance at the brakes of single wheels: reference implementations of anti-lock and stability control, off unless a scene has them; and
-the automatic gearbox of solver.inputs.shifting.
+"""Assistance at the brakes of single wheels: reference implementations of anti-lock and stability control, off unless a
+scene has them; and the automatic gearbox of solver.inputs.shifting.
 
-They see what a car can measure or estimate well (Feel), act on the inputs brake_torque_<wheel> of `actuation: {wheels: true}`, and come
-before the actuators, whose lag is that of the hydraulics. Their effects are part of the recorded inputs.
+They see what a car can measure or estimate well (Feel), act on the inputs brake_torque_<wheel> of `actuation: {wheels:
+true}`, and come before the actuators, whose lag is that of the hydraulics. Their effects are part of the recorded
+inputs.
 
 Anti-lock: the share m of its torque that a wheel gets follows, between 0 and 1,
 
     dm/dt = clip(gain (slip - lambda), -release, apply)        lambda = 1 - omega R / v
 
-with the speed v of the wheel's place along the car, below 0 in reverse as omega is; both rear wheels get the smaller share of the two
-(select low), which keeps the rear axle's side force on split friction. A locked wheel is released within 1 / release seconds, and its slip
-settles about `slip`, near the peak of the tire, as far as the hydraulics let it.
+with the speed v of the wheel's place along the car, below 0 in reverse as omega is; both rear wheels get the smaller
+share of the two (select low), which keeps the rear axle's side force on split friction. A locked wheel is released
+within 1 / release seconds, and its slip settles about `slip`, near the peak of the tire, as far as the hydraulics let
+it.
 
-Stability: the yaw rate that the steering asks for is that of the steady single-track model ([Gillespie1992] 6.5), as much of it as friction
-allows,
+Stability: the yaw rate that the steering asks for is that of the steady single-track model ([Gillespie1992] 6.5), as
+much of it as friction allows,
 
     r_wanted = v delta / (L + K v^2),    |r_wanted| <= 0.85 mu g / v
 
@@ -44,8 +46,8 @@ USED = 0.85  # of the friction
 
 @dataclass(frozen=True, kw_only=True)
 class AntiLock:
-    """Anti-lock control; see the module. slip: that is kept [-]; gain [1/s], release and apply [1/s]; slowest: speed, forward or in
-    reverse, below which it lets wheels lock [m/s]."""
+    """Anti-lock control; see the module. slip: that is kept [-]; gain [1/s], release and apply [1/s]; slowest: speed,
+    forward or in reverse, below which it lets wheels lock [m/s]."""
 
     slip: float = 0.10
     gain: PerSecond = 60.0
@@ -61,9 +63,9 @@ class AntiLock:
 
 @dataclass(frozen=True, kw_only=True)
 class StabilityControl:
-    """Stability control; see the module. wheelbase [m], ratio of the steering, understeer gradient [rad s^2/m], friction that it counts on
-    [-]; threshold of the yaw rate [rad/s]; gain [N m s/rad] and torque, the largest one [N m]; slowest: speed forward below which
-    it is off, as it is in reverse [m/s]."""
+    """Stability control; see the module. wheelbase [m], ratio of the steering, understeer gradient [rad s^2/m],
+    friction that it counts on [-]; threshold of the yaw rate [rad/s]; gain [N m s/rad] and torque, the largest one [N
+    m]; slowest: speed forward below which it is off, as it is in reverse [m/s]."""
 
     wheelbase: Length = 2.7
     ratio: float = 15.0
@@ -111,8 +113,8 @@ class Feel(NamedTuple):
 
 
 class AssistedWheel(NamedTuple):
-    """A wheel: its name, its share of the brake torque [-], its rolling radius [m], how far to the left of the middle of the car it stands
-    [m], the index of its body and its spin axis in that (positive when rolling forward)."""
+    """A wheel: its name, its share of the brake torque [-], its rolling radius [m], how far to the left of the middle
+    of the car it stands [m], the index of its body and its spin axis in that (positive when rolling forward)."""
 
     name: str
     share: float
@@ -125,18 +127,22 @@ class AssistedWheel(NamedTuple):
 class Assistant:
     """The assistance of a simulation with inputs of these names and with these wheels, in steps of h [s].
 
-    state: share of its brake torque that each wheel gets, and that of an automatic gearbox; assign it to restore. Raises SpecError for a
-    model without the inputs that it acts on.
+    state: share of its brake torque that each wheel gets, and that of an automatic gearbox; assign it to restore.
+    Raises SpecError for a model without the inputs that it acts on.
     """
 
-    def __init__(self, assistance: Assistance, input_names: Sequence[str], wheels: Sequence[AssistedWheel], h: float) -> None:
+    def __init__(
+        self, assistance: Assistance, input_names: Sequence[str], wheels: Sequence[AssistedWheel], h: float
+    ) -> None:
         self.assistance, self.h = assistance, h
         names = list(input_names)
         self._shifter = None if assistance.shift is None else Shifter(assistance.shift, names, h)
         wheels = wheels if assistance.brakes else ()
         for wheel in wheels:
             if f'brake_torque_{wheel.name}' not in names:
-                raise SpecError(f'assistance: the model has no input brake_torque_{wheel.name}: set actuation: {{wheels: true}}')
+                raise SpecError(
+                    f'assistance: the model has no input brake_torque_{wheel.name}: set actuation: {{wheels: true}}'
+                )
         self._wheels = [(wheel, names.index(f'brake_torque_{wheel.name}')) for wheel in wheels]
         rear = [k for k, wheel in enumerate(wheels) if wheel.name.startswith('rear_')]
         self._together = [rear if k in rear else [k] for k in range(len(wheels))]
@@ -146,14 +152,21 @@ class Assistant:
         self._steering = names.index('steering') if 'steering' in names else None
         if assistance.stability is not None:
             if self._steering is None:
-                raise SpecError('assistance: stability: the model has no input steering, the angle of the steering wheel')
-            if not {f'{axle}_{side}' for axle in ('front', 'rear') for side in ('left', 'right')} <= {wheel.name for wheel in wheels}:
-                raise SpecError('assistance: stability: the model has not the wheels front_left, front_right, rear_left and rear_right')
+                raise SpecError(
+                    'assistance: stability: the model has no input steering, the angle of the steering wheel'
+                )
+            if not {f'{axle}_{side}' for axle in ('front', 'rear') for side in ('left', 'right')} <= {
+                wheel.name for wheel in wheels
+            }:
+                raise SpecError(
+                    'assistance: stability: the model has not the wheels front_left, front_right, rear_left and '
+                    'rear_right'
+                )
         self._shares = np.ones(len(self._wheels))
 
     def start(self, commands: np.ndarray, speed: float) -> np.ndarray:
-        """Back to t = 0 at a speed along the car [m/s], with commands (nu,): (nu,) inputs there. Every wheel has its torque, the gearbox
-        the gear of that speed."""
+        """Back to t = 0 at a speed along the car [m/s], with commands (nu,): (nu,) inputs there. Every wheel has its
+        torque, the gearbox the gear of that speed."""
         row = commands.copy()
         self._shares = np.ones(len(self._wheels))
         if self._shifter is not None:
@@ -161,8 +174,8 @@ class Assistant:
         return row
 
     def begin(self, inputs: np.ndarray, memory: np.ndarray | None) -> None:
-        """Begin in the middle of a motion: from the memory of another scene where that is like the state of this one, else with inputs
-        (nu,), whose gear stays in."""
+        """Begin in the middle of a motion: from the memory of another scene where that is like the state of this one,
+        else with inputs (nu,), whose gear stays in."""
         self._shares = np.ones(len(self._wheels))
         if memory is not None and memory.shape == self.state.shape and memory.dtype == float:
             self.state = memory
@@ -177,7 +190,9 @@ class Assistant:
     @state.setter
     def state(self, value: np.ndarray) -> None:
         if value.shape != self.state.shape:
-            raise SpecError(f'restore: the assistance has {self.state.size} states here, {value.size} are saved: other scene')
+            raise SpecError(
+                f'restore: the assistance has {self.state.size} states here, {value.size} are saved: other scene'
+            )
         self._shares = value[: len(self._wheels)].copy()
         if self._shifter is not None:
             self._shifter.state = value[len(self._wheels) :].copy()

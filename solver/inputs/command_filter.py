@@ -13,8 +13,10 @@ from solver.errors import SpecError
 from solver.inputs.recorded import ACCELERATION, RATE
 
 COMMANDS = ('steering', 'drive_torque', 'brake_torque')
-STEERING = {'angle': 'steering', 'torque': 'steering_torque', 'road_wheel': 'road_wheel'}  # by Actuation.steering, what is commanded
-POWERTRAIN = ('accelerator', 'clutch', 'gear', 'lock_up')  # of an engine with a gearbox: pedals (0 to 1), gear or lever, of a converter
+# by Actuation.steering, what is commanded
+STEERING = {'angle': 'steering', 'torque': 'steering_torque', 'road_wheel': 'road_wheel'}
+# of an engine with a gearbox: pedals (0 to 1), gear or lever, of a converter
+POWERTRAIN = ('accelerator', 'clutch', 'gear', 'lock_up')
 BY_WHEEL = ('drive_torque_', 'brake_torque_')  # beginnings of the names of torques of single wheels
 _BITS = struct.Struct('3d').pack  # of a motion: 0 and -0 are equal, but not the same
 
@@ -33,7 +35,11 @@ def commands_of(input_names: Sequence[str], steering: str = 'angle') -> tuple[st
 def further(input_names: Sequence[str]) -> list[str]:
     """Inputs of elements that a scene adds: every input that no topic of a vehicle drives, except imposed motions."""
     vehicle = {*COMMANDS, *STEERING.values(), *POWERTRAIN}
-    motions = {name.removesuffix(RATE) for name in input_names if name.endswith(RATE) and name.removesuffix(RATE) in input_names}
+    motions = {
+        name.removesuffix(RATE)
+        for name in input_names
+        if name.endswith(RATE) and name.removesuffix(RATE) in input_names
+    }
     parts = {name + suffix for name in motions for suffix in ('', RATE, ACCELERATION)}
     return [name for name in input_names if name not in vehicle | parts and not name.startswith(BY_WHEEL)]
 
@@ -45,7 +51,8 @@ def uncommanded(input_names: Sequence[str], commands: Sequence[str]) -> list[str
 
 
 def place_of(name: str, commands: Sequence[str], scene: str) -> int:
-    """Place of a command that lockstep waits for; steering is whichever steers. Raises SpecError where the scene has not got it."""
+    """Place of a command that lockstep waits for; steering is whichever steers. Raises SpecError where the scene has
+    not got it."""
     if name != COMMANDS[0] and name not in commands:
         there = ', '.join(commands)
         raise SpecError(f'parameter lockstep_commands: {scene} has no input {name!r}; its commands are {there}')
@@ -53,7 +60,8 @@ def place_of(name: str, commands: Sequence[str], scene: str) -> int:
 
 
 def follow(omega: float, x: float, v: float, r: float, slope: float, t: float) -> tuple[float, float]:
-    """(x, x') after t seconds of x'' = omega^2 (r - x) - 2 omega x' behind a reference that starts at r and moves at `slope`: exact."""
+    """(x, x') after t seconds of x'' = omega^2 (r - x) - 2 omega x' behind a reference that starts at r and moves at
+    `slope`: exact."""
     lag = 2.0 * slope / omega  # steady distance behind a moving reference
     e = x - (r - lag)
     b = v - slope + omega * e
@@ -69,12 +77,14 @@ def filter_state_at(input_names: Sequence[str], inputs: np.ndarray) -> np.ndarra
 
 
 class CommandSource:
-    """Turns commands latched at step boundaries into inputs; the steering command passes a filter, torques hold over the step.
+    """Turns commands latched at step boundaries into inputs; the steering command passes a filter, torques hold over
+    the step.
 
-    Steering: the reference r runs after the command at no more than `rate_limit`; the angle x follows it by
-    x'' = w^2 (r - x) - 2 w x' (critically damped, w = 2 pi bandwidth). The impulse response w^2 t exp(-w t) is positive with area
-    one, so |x'| <= rate_limit too; x'' is continuous, so angle, rate and acceleration belong together. The step is advanced by
-    the closed-form solution (r is linear, then constant), so it depends on nothing but the state and the command.
+    Steering: the reference r runs after the command at no more than `rate_limit`; the angle x follows it by x'' = w^2
+    (r - x) - 2 w x' (critically damped, w = 2 pi bandwidth). The impulse response w^2 t exp(-w t) is positive with area
+    one, so |x'| <= rate_limit too; x'' is continuous, so angle, rate and acceleration belong together. The step is
+    advanced by the closed-form solution (r is linear, then constant), so it depends on nothing but the state and the
+    command.
     """
 
     def __init__(
@@ -89,10 +99,13 @@ class CommandSource:
         mapped: Callable[[float], float] | None = None,
         others: Mapping[str, float] | None = None,
     ) -> None:
-        """bandwidth [Hz], rate_limit [rad/s], steering: initial angle [rad]. commands: what advance() is given (commands_of). mapped: turns
-        the command road_wheel into an angle of the steering wheel. others: what inputs are held at that nobody commands (default: 0)."""
+        """bandwidth [Hz], rate_limit [rad/s], steering: initial angle [rad]. commands: what advance() is given
+        (commands_of). mapped: turns the command road_wheel into an angle of the steering wheel. others: what inputs are
+        held at that nobody commands (default: 0)."""
         if not (bandwidth > 0.0 and rate_limit > 0.0):
-            raise SpecError(f'steering filter: bandwidth = {bandwidth!r} and rate_limit = {rate_limit!r}: both must be > 0')
+            raise SpecError(
+                f'steering filter: bandwidth = {bandwidth!r} and rate_limit = {rate_limit!r}: both must be > 0'
+            )
         self.names, self.h_ns = tuple(input_names), h_ns
         self.omega, self.rate_limit = 2.0 * math.pi * bandwidth, rate_limit
         self._motion = float(steering), float(steering), 0.0
@@ -103,7 +116,10 @@ class CommandSource:
         if self._angle:
             given += ['steering', 'steering' + RATE, 'steering' + ACCELERATION]
         last = {name: i for i, name in enumerate(given)}
-        self._count, self._places = len(commands), [(i, last[name]) for i, name in enumerate(self.names) if name in last]
+        self._count, self._places = (
+            len(commands),
+            [(i, last[name]) for i, name in enumerate(self.names) if name in last],
+        )
         self._held = [(others or {}).get(name, 0.0) for name in self.names]
 
     @property
@@ -118,11 +134,13 @@ class CommandSource:
 
     @property
     def settled(self) -> np.ndarray | None:
-        """(nu,) what advance() gave last, where the same commands give it again for ever, bit for bit; None while the steering moves."""
+        """(nu,) what advance() gave last, where the same commands give it again for ever, bit for bit; None while the
+        steering moves."""
         return self._row
 
     def advance(self, *commands: float) -> np.ndarray:
-        """(nu,) inputs of the next step for the commands that were in force at its beginning: steering [rad or N m], torques [N m]."""
+        """(nu,) inputs of the next step for the commands that were in force at its beginning: steering [rad or N m],
+        torques [N m]."""
         if len(commands) != self._count:
             raise SpecError(f'{len(commands)} commands, {self._count} are known')
         before = self._motion

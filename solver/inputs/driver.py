@@ -1,12 +1,14 @@
-"""Drivers: what they command as a function of the motion, sampled once per step. One looks ahead along a path, the other keeps a speed.
+"""Drivers: what they command as a function of the motion, sampled once per step. One looks ahead along a path, the
+other keeps a speed.
 
-Law of the one who looks ahead: the preview-follower with one preview point. At the preview distance l = v T ahead of the vehicle, along
-its heading, the path lies e to the left of it. The arc that reaches the path there has the curvature
+Law of the one who looks ahead: the preview-follower with one preview point. At the preview distance l = v T ahead of
+the vehicle, along its heading, the path lies e to the left of it. The arc that reaches the path there has the curvature
 
     kappa = 2 e / l^2
 
-(lateral acceleration 2 e / T^2, the optimal single-point preview of [Guo1993]; for a point on the arc, pure pursuit [Coulter1992]). The
-steering wheel is turned to the angle which holds this curvature in the steady state of the single-track model ([Gillespie1992] 6.5)
+(lateral acceleration 2 e / T^2, the optimal single-point preview of [Guo1993]; for a point on the arc, pure pursuit
+[Coulter1992]). The steering wheel is turned to the angle which holds this curvature in the steady state of the
+single-track model ([Gillespie1992] 6.5)
 
     steering = ratio (wheelbase + understeer v^2) kappa
 
@@ -72,9 +74,9 @@ class Gate(NamedTuple):
 class DoubleLaneChange:
     """The track of [ISO3888] along x, beginning at x = start with the centre line of its first lane at y = 0.
 
-    standard: iso_3888_1 (severe double lane change, 125 m with the lane behind it) or iso_3888_2 (obstacle avoidance, 61 m).
-    width: of the vehicle without mirrors [m]; it decides the width of the lanes.
-    The path is the middle of each lane, joined by quintic steps that use the whole length between two lanes.
+    standard: iso_3888_1 (severe double lane change, 125 m with the lane behind it) or iso_3888_2 (obstacle avoidance,
+    61 m). width: of the vehicle without mirrors [m]; it decides the width of the lanes. The path is the middle of each
+    lane, joined by quintic steps that use the whole length between two lanes.
     """
 
     kind: Literal['double_lane_change'] = 'double_lane_change'
@@ -89,14 +91,25 @@ class DoubleLaneChange:
 
     @cached_property
     def gates(self) -> tuple[Gate, ...]:
-        """The lanes. Part 1: 15, 30, 25, 25, 30 m, right edges of the first two lanes 3.5 m apart. Part 2: 12, 13.5, 11, 12.5, 12 m,
-        1 m between the left edge of the first lane and the right edge of the second. The third lane continues the first one's right edge.
+        """The lanes. Part 1: 15, 30, 25, 25, 30 m, right edges of the first two lanes 3.5 m apart. Part 2: 12, 13.5,
+        11, 12.5, 12 m, 1 m between the left edge of the first lane and the right edge of the second. The third lane
+        continues the first one's right edge.
         """
         w = self.width
         if self.standard == 'iso_3888_1':
-            lengths, first, second, third = (15.0, 30.0, 25.0, 25.0, 30.0), 1.1 * w + 0.25, 1.2 * w + 0.25, 1.3 * w + 0.25
+            lengths, first, second, third = (
+                (15.0, 30.0, 25.0, 25.0, 30.0),
+                1.1 * w + 0.25,
+                1.2 * w + 0.25,
+                1.3 * w + 0.25,
+            )
         else:
-            lengths, first, second, third = (12.0, 13.5, 11.0, 12.5, 12.0), 1.1 * w + 0.25, w + 1.0, max(1.3 * w + 0.25, 3.0)
+            lengths, first, second, third = (
+                (12.0, 13.5, 11.0, 12.5, 12.0),
+                1.1 * w + 0.25,
+                w + 1.0,
+                max(1.3 * w + 0.25, 3.0),
+            )
         x = [self.start + behind for behind in accumulate(lengths, initial=0.0)]
         right = -0.5 * first
         other = right + 3.5 if self.standard == 'iso_3888_1' else 0.5 * first + 1.0
@@ -122,7 +135,8 @@ class DoubleLaneChange:
 
 @dataclass(frozen=True, kw_only=True)
 class Waypoints:
-    """A path y(x) through points [[x, y], ...] [m], x increasing: cubic spline with horizontal ends, straight on beyond them."""
+    """A path y(x) through points [[x, y], ...] [m], x increasing: cubic spline with horizontal ends, straight on beyond
+    them."""
 
     kind: Literal['waypoints'] = 'waypoints'
     points: tuple[Place, ...]
@@ -153,7 +167,8 @@ class Waypoints:
 
 @dataclass(frozen=True, kw_only=True)
 class Circle:
-    """Round and round a circle that touches the x axis at x = start: to the left where the radius is positive, else to the right."""
+    """Round and round a circle that touches the x axis at x = start: to the left where the radius is positive, else to
+    the right."""
 
     kind: Literal['circle'] = 'circle'
     radius: Length
@@ -172,11 +187,12 @@ class Circle:
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """Any way on the plane: through points [[x, y], ...] [m] in their order, back to the first one where closed; straight on behind the
-    ends of an open one.
+    """Any way on the plane: through points [[x, y], ...] [m] in their order, back to the first one where closed;
+    straight on behind the ends of an open one.
 
-    Between the points runs the cubic of Catmull and Rom with the square roots of the distances as its parameter, which makes neither loops
-    nor corners ([Yuksel2011]); its curvature jumps at the points, so that a curve wants them closely spaced.
+    Between the points runs the cubic of Catmull and Rom with the square roots of the distances as its parameter, which
+    makes neither loops nor corners ([Yuksel2011]); its curvature jumps at the points, so that a curve wants them
+    closely spaced.
     """
 
     kind: Literal['course'] = 'course'
@@ -185,15 +201,20 @@ class Course:
 
     def __post_init__(self) -> None:
         if len(self.points) < 2 + self.closed:
-            raise SpecError(f'points: {len(self.points)} given, a course needs at least {2 + self.closed} [x, y] points')
+            raise SpecError(
+                f'points: {len(self.points)} given, a course needs at least {2 + self.closed} [x, y] points'
+            )
         _near(**_numbers(self.points))
         for k, (p, q) in enumerate(pairwise((*self.points, *self.points[: self.closed]))):
             if math.hypot(q[0] - p[0], q[1] - p[1]) < COARSE:
-                raise SpecError(f'points[{(k + 1) % len(self.points)}]: must be at least {COARSE:g} m from the point before it')
+                raise SpecError(
+                    f'points[{(k + 1) % len(self.points)}]: must be at least {COARSE:g} m from the point before it'
+                )
 
     @cached_property
     def line(self) -> np.ndarray:
-        """(n, 2) points [m] of the course, COARSE apart or closer, those of an open one with a straight way of FAR at both ends."""
+        """(n, 2) points [m] of the course, COARSE apart or closer, those of an open one with a straight way of FAR at
+        both ends."""
         p = np.array(self.points)
         if self.closed:
             p = np.concatenate([p[-1:], p, p[:2]])
@@ -204,7 +225,10 @@ class Course:
             t = np.cumsum([0.0, *(math.sqrt(math.hypot(*(v - u).tolist())) for u, v in ((a, b), (b, c), (c, d)))])
             n = math.ceil(math.hypot(*(c - b).tolist()) / COARSE)
             s = (t[1] + (t[2] - t[1]) * np.arange(n) / n)[:, None]
-            A, B, C = (((v - s) * x + (s - u) * y) / (v - u) for u, v, x, y in ((t[0], t[1], a, b), (t[1], t[2], b, c), (t[2], t[3], c, d)))
+            A, B, C = (
+                ((v - s) * x + (s - u) * y) / (v - u)
+                for u, v, x, y in ((t[0], t[1], a, b), (t[1], t[2], b, c), (t[2], t[3], c, d))
+            )
             D, E = ((t[2] - s) * A + (s - t[0]) * B) / (t[2] - t[0]), ((t[3] - s) * B + (s - t[1]) * C) / (t[3] - t[1])
             parts.append(((t[2] - s) * D + (s - t[1]) * E) / (t[2] - t[1]))
         way = np.concatenate([*parts, p[-2:-1]])
@@ -215,8 +239,8 @@ class Course:
 
     @cached_property
     def stretches(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The course in pieces, so that a step need not look at all of it: their points (2, m, STRETCH + 1) [m], of which the last is
-        the first of the next piece, and circles around them: centres (2, m), radii (m,) [m]."""
+        """The course in pieces, so that a step need not look at all of it: their points (2, m, STRETCH + 1) [m], of
+        which the last is the first of the next piece, and circles around them: centres (2, m), radii (m,) [m]."""
         m = math.ceil((len(self.line) - 1) / STRETCH)
         at = np.minimum(STRETCH * np.arange(m)[:, None] + np.arange(STRETCH + 1), len(self.line) - 1)
         points = np.ascontiguousarray(self.line.T[:, at])
@@ -261,10 +285,11 @@ class Sight(NamedTuple):
 class PreviewDriver:
     """Steers along a path by previewing it; see the module for the law.
 
-    path: where to. preview: time T [s] to the preview point. wheelbase [m]. ratio: of the steering wheel to the road wheels [-].
-    understeer: gradient of the road wheels' angle over lateral acceleration [rad s^2/m]. limit: largest angle of the steering wheel.
-    bandwidth [Hz] and rate_limit [rad/s] of the hands. slowest: speed below which the preview distance shrinks no further [m/s].
-    He drives forward: a scene that starts backwards, or keeps a speed below 0, is refused.
+    path: where to. preview: time T [s] to the preview point. wheelbase [m]. ratio: of the steering wheel to the road
+    wheels [-]. understeer: gradient of the road wheels' angle over lateral acceleration [rad s^2/m]. limit: largest
+    angle of the steering wheel. bandwidth [Hz] and rate_limit [rad/s] of the hands. slowest: speed below which the
+    preview distance shrinks no further [m/s]. He drives forward: a scene that starts backwards, or keeps a speed below
+    0, is refused.
     """
 
     path: DoubleLaneChange | Waypoints | Circle | Course
@@ -284,7 +309,9 @@ class PreviewDriver:
         least = TIGHTEST * self.wheelbase
         if isinstance(self.path, Circle) and not abs(self.path.radius) >= least:
             remedy = f'{TIGHTEST:g} times its wheelbase = {self.wheelbase:g} m, or more'
-            raise SpecError(f'path.radius = {self.path.radius:g}: must be a radius that a car can drive, {least:.4g} m: {remedy}')
+            raise SpecError(
+                f'path.radius = {self.path.radius:g}: must be a radius that a car can drive, {least:.4g} m: {remedy}'
+            )
 
     def steering(self, sight: Sight) -> float:
         """Angle at the steering wheel [rad] that the driver wants."""
@@ -301,10 +328,11 @@ class PreviewDriver:
 class SpeedControl:
     """Keeps a speed with the drive torque, and with the brakes where these are allowed; see the module for the law.
 
-    target: speed along the x axis of the chassis over time (none: that of the start of the scene). until: from then on no torque at
-    all (throttle released, clutch open; it fades over `release`). inertia: torque at the differential per acceleration of the car,
-    about mass times radius of the wheels. bandwidth: of the loop. first: torque at t = 0, below 0 backwards. most, least: torques of the
-    engine, in the direction of the target: backwards where this is below 0. brakes: most brake torque of all wheels together.
+    target: speed along the x axis of the chassis over time (none: that of the start of the scene). until: from then on
+    no torque at all (throttle released, clutch open; it fades over `release`). inertia: torque at the differential per
+    acceleration of the car, about mass times radius of the wheels. bandwidth: of the loop. first: torque at t = 0,
+    below 0 backwards. most, least: torques of the engine, in the direction of the target: backwards where this is below
+    0. brakes: most brake torque of all wheels together.
     """
 
     target: Annotated[float | Signal | None, 'm/s'] = None
@@ -326,8 +354,11 @@ class SpeedControl:
         if not self.brakes >= 0.0:
             raise SpecError(f'brakes = {self.brakes:g}: must be >= 0')
 
-    def torques(self, t: float, wanted: float, slope: float, speed: float, kept: float, h: float) -> tuple[float, float, float]:
-        """(drive torque, brake torque, I after the step) [N m] at t [s] for the wanted speed [m/s], its slope [m/s^2], the speed and I."""
+    def torques(
+        self, t: float, wanted: float, slope: float, speed: float, kept: float, h: float
+    ) -> tuple[float, float, float]:
+        """(drive torque, brake torque, I after the step) [N m] at t [s] for the wanted speed [m/s], its slope [m/s^2],
+        the speed and I."""
         on = 1.0 if self.until is None else min(max(1.0 - (t - self.until) / self.release, 0.0), 1.0)
         if on == 0.0:
             return 0.0, 0.0, kept

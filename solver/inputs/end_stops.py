@@ -1,8 +1,8 @@
 """The end stops of a steering: hands that go on turning there hold the steering wheel against them.
 
-A maneuver that asks for the angle x gets y(x), which is x up to `lock` and ends GIVE lock beyond it. With the way r that is asked for
-beyond the stop, over GIVE lock, the slope falls from 1 at r = 0 to 0 at r = 2 by a polynomial of the fifth degree. So angle, rate and
-acceleration belong together, and what does not reach the stop keeps every bit.
+A maneuver that asks for the angle x gets y(x), which is x up to `lock` and ends GIVE lock beyond it. With the way r
+that is asked for beyond the stop, over GIVE lock, the slope falls from 1 at r = 0 to 0 at r = 2 by a polynomial of the
+fifth degree. So angle, rate and acceleration belong together, and what does not reach the stop keeps every bit.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ AT_ONCE = 4096  # steps
 
 
 def hold(u: np.ndarray, names: Sequence[str], lock: float | None) -> None:
-    """Change inputs u (n, nu) so that the angle of the steering wheel stays at its end stops, where they ask for more."""
+    """Change inputs u (n, nu) so that the angle of the steering wheel stays at its end stops, where they ask for
+    more."""
     if lock is None or 'steering' not in names:
         return
     at = names.index('steering')
@@ -43,7 +44,8 @@ def steering_moves(names: Sequence[str]) -> bool:
 
 
 class BeyondEnd:
-    """Follows what a signal asks for beyond the end stops, at the ends of steps of h [s]. largest: angle [rad]; first: time [s]."""
+    """Follows what a signal asks for beyond the end stops, at the ends of steps of h [s]. largest: angle [rad]; first:
+    time [s]."""
 
     def __init__(self, signal: Signal, lock: float, h: float) -> None:
         self.signal, self.lock, self._h = signal, lock, h

@@ -1,8 +1,8 @@
 """Maneuvers and the other sources of inputs that a simulation samples once per step.
 
 Inputs come in two families. *Motion* inputs are prescribed motions: they have companions `<name>_rate` and
-`<name>_acceleration` and are taken at the end of a step, where the constraints hold. *Force-like* inputs (torques, pressures)
-are taken inside the step, at the instant `(k + stage) h` where the integrator balances forces.
+`<name>_acceleration` and are taken at the end of a step, where the constraints hold. *Force-like* inputs (torques,
+pressures) are taken inside the step, at the instant `(k + stage) h` where the integrator balances forces.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ class Maneuver:
     """Named inputs as functions of time.
 
     steering: angle at the steering wheel [rad], positive to the left. drive_torque: at the differential [N m].
-    brake_torque: total of all wheels [N m], >= 0. road_wheel: mean angle of the front road wheels [rad] instead of `steering`; the map of
-    the steering, measured on the bench, makes it an angle of the steering wheel. signals: any other input channel of the model by name.
-    driver: steers instead of the signal `steering`. speed: keeps a speed with the drive torque, and the brakes, instead of their signals.
-    bag: a recording (directory or .mcap file) whose inputs are applied again instead of all these; map: for recordings of others, which
-    of their channels is which input; log_times: take the times when their messages were recorded, not their stamps.
-    evaluation: what `mbd evaluate` makes of its recordings (docs/evaluating.md); evaluate_with:
-    parameters.
+    brake_torque: total of all wheels [N m], >= 0. road_wheel: mean angle of the front road wheels [rad] instead of
+    `steering`; the map of the steering, measured on the bench, makes it an angle of the steering wheel. signals: any
+    other input channel of the model by name. driver: steers instead of the signal `steering`. speed: keeps a speed with
+    the drive torque, and the brakes, instead of their signals. bag: a recording (directory or .mcap file) whose inputs
+    are applied again instead of all these; map: for recordings of others, which of their channels is which input;
+    log_times: take the times when their messages were recorded, not their stamps. evaluation: what `mbd evaluate` makes
+    of its recordings (docs/evaluating.md); evaluate_with: parameters.
     """
 
     name: str = ''
@@ -55,20 +55,36 @@ class Maneuver:
 
     def __post_init__(self) -> None:
         if self.bag and (self.closed_loop or self.channels):
-            other = next((name for name in ('driver', 'speed') if getattr(self, name) is not None), None) or next(iter(self.channels))
-            raise SpecError(f'bag = {self.bag}: the inputs come from the recording, but {other!r} is given too; remove one of them')
+            other = next((name for name in ('driver', 'speed') if getattr(self, name) is not None), None) or next(
+                iter(self.channels)
+            )
+            raise SpecError(
+                f'bag = {self.bag}: the inputs come from the recording, but {other!r} is given too; remove one of them'
+            )
         if self.map and not self.bag:
-            raise SpecError('map: says what the channels of a recording are, but the key bag, which names the recording, is missing')
+            raise SpecError(
+                'map: says what the channels of a recording are, but the key bag, which names the recording, is missing'
+            )
         if self.log_times and not self.map:
-            raise SpecError('log_times: is for recordings of others, but the key map, which says what their channels are, is missing')
+            raise SpecError(
+                'log_times: is for recordings of others, but the key map, which says what their channels are, is '
+                'missing'
+            )
         if self.by_road_wheel and (self.driver is not None or signal(self.steering) != Constant()):
-            raise SpecError(f'maneuver {self.name!r}: road_wheel is given, but something else steers too; remove one of them')
+            raise SpecError(
+                f'maneuver {self.name!r}: road_wheel is given, but something else steers too; remove one of them'
+            )
         if self.driver is not None and signal(self.steering) != Constant():
             raise SpecError(f'maneuver {self.name!r}: steering is given, but the driver steers; remove one of them')
         if self.speed is not None and signal(self.drive_torque) != Constant():
-            raise SpecError(f'maneuver {self.name!r}: drive_torque is given, but the speed is kept by it; remove one of them')
+            raise SpecError(
+                f'maneuver {self.name!r}: drive_torque is given, but the speed is kept by it; remove one of them'
+            )
         if self.speed is not None and self.speed.brakes and signal(self.brake_torque) != Constant():
-            raise SpecError(f'maneuver {self.name!r}: brake_torque is given, but the speed is kept by the brakes too; remove one of them')
+            raise SpecError(
+                f'maneuver {self.name!r}: brake_torque is given, but the speed is kept by the brakes too; remove one '
+                'of them'
+            )
 
     @property
     def by_road_wheel(self) -> bool:
@@ -86,12 +102,15 @@ class Maneuver:
         fixed = {name: getattr(self, name) for name in COMMANDS}
         both = [name for name in self.signals if name in fixed]
         if both:
-            raise SpecError(f'maneuver {self.name!r}: {both[0]!r} must be given as a key of the maneuver, not under signals')
+            raise SpecError(
+                f'maneuver {self.name!r}: {both[0]!r} must be given as a key of the maneuver, not under signals'
+            )
         channels = {name: signal(s) for name, s in {**fixed, **self.signals}.items()}
         return {name: s for name, s in channels.items() if s != Constant()}
 
     def inputs(self, names: Sequence[str], t_force: np.ndarray, t_end: np.ndarray) -> np.ndarray:
-        """(n, len(names)) input values: force-like ones at t_force (n,), motions and their derivatives at t_end (n,) [s].
+        """(n, len(names)) input values: force-like ones at t_force (n,), motions and their derivatives at t_end (n,)
+        [s].
 
         Inputs the maneuver does not name are zero. Raises SpecError for a channel that is not among the names.
         """
@@ -100,7 +119,9 @@ class Maneuver:
         u = np.zeros((len(t_force), len(names)))
         for name, s in self.channels.items():
             if name not in names:
-                raise SpecError(f'maneuver {self.name!r}: the model has no input {name!r}{suggestion(name, base_names(names))}')
+                raise SpecError(
+                    f'maneuver {self.name!r}: the model has no input {name!r}{suggestion(name, base_names(names))}'
+                )
             if is_motion(name, names):
                 jet = s.jet(t_end)
                 for suffix, values in zip(('', RATE, ACCELERATION), jet, strict=True):
@@ -110,7 +131,8 @@ class Maneuver:
         return u
 
     def inputs_at_start(self, names: Sequence[str]) -> np.ndarray:
-        """(nu,) inputs at t = 0. Rates and accelerations of motions are those just after: what moves from there on moves already."""
+        """(nu,) inputs at t = 0. Rates and accelerations of motions are those just after: what moves from there on
+        moves already."""
         zero = np.zeros(1)
         u, after = self.inputs(names, zero, zero)[0], self.inputs(names, zero, np.nextafter(zero, 1.0))[0]
         jumps = np.abs(after - u) > JUMP
@@ -123,11 +145,20 @@ class Maneuver:
         Raises SpecError when a preview driver steers: his commands depend on the motion.
         """
         if self.bag:
-            raise SpecError(f'maneuver {self.name!r}: its inputs are a recording; run it in the simulation (mbd run, commands:=maneuver)')
+            raise SpecError(
+                f'maneuver {self.name!r}: its inputs are a recording; run it in the simulation (mbd run, '
+                'commands:=maneuver)'
+            )
         if self.closed_loop:
-            raise SpecError(f'maneuver {self.name!r}: its driver sees the motion; run it in the simulation (mbd run, commands:=maneuver)')
+            raise SpecError(
+                f'maneuver {self.name!r}: its driver sees the motion; run it in the simulation (mbd run, '
+                'commands:=maneuver)'
+            )
         if self.by_road_wheel:
-            raise SpecError(f'maneuver {self.name!r}: road_wheel needs a map; run it in the simulation (mbd run, commands:=maneuver)')
+            raise SpecError(
+                f'maneuver {self.name!r}: road_wheel needs a map; run it in the simulation (mbd run, '
+                'commands:=maneuver)'
+            )
         at = np.array([t])
         steering, drive, brake = (float(signal(getattr(self, name)).jet(at).value[0]) for name in COMMANDS)
         return steering, drive, brake
@@ -160,17 +191,20 @@ def base_names(names: Sequence[str]) -> list[str]:
 class ManeuverSource:
     """Input source of a simulation: the inputs of step k (from k h to (k + 1) h), a pure function of k.
 
-    stage: where in the step the integrator balances forces, as a fraction of h in [0, 1]. lock: angle of the steering wheel [rad] at its
-    end stops, which hold it; None: there are none.
+    stage: where in the step the integrator balances forces, as a fraction of h in [0, 1]. lock: angle of the steering
+    wheel [rad] at its end stops, which hold it; None: there are none.
     """
 
-    def __init__(self, maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0, lock: float | None = None) -> None:
+    def __init__(
+        self, maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0, lock: float | None = None
+    ) -> None:
         self.maneuver, self.names, self.h_ns, self.stage, self.lock = maneuver, tuple(input_names), h_ns, stage, lock
         steering = maneuver.channels.get('steering')
         self._beyond = None if lock is None or steering is None else BeyondEnd(steering, lock, h_ns * 1e-9)
         self._asked = 0  # up to which step
         self._unresolved = Unresolved(maneuver.channels, h_ns)
-        self._first, self._ahead = 0, self._sampled(0, AHEAD)  # refuses channels the model does not have, before anything runs
+        # refuses channels the model does not have, before anything runs
+        self._first, self._ahead = 0, self._sampled(0, AHEAD)
 
     def table(self, k0: int, n: int) -> np.ndarray:
         """(n, nu) inputs of steps k0 ... k0 + n - 1."""
@@ -191,8 +225,8 @@ class ManeuverSource:
         return self._unresolved.look(min(k, self._asked), duration)
 
     def beyond_end(self, k: int) -> tuple[float, float] | None:
-        """(largest angle [rad], first time [s]) that the maneuver asks of the steering wheel beyond its end stops in steps up to k, of
-        those that it was asked for."""
+        """(largest angle [rad], first time [s]) that the maneuver asks of the steering wheel beyond its end stops in
+        steps up to k, of those that it was asked for."""
         if self._beyond is None:
             return None
         self._beyond.look(min(k, self._asked))
@@ -218,8 +252,8 @@ class ManeuverSource:
 def source_of(
     maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0, lock: float | None = None
 ) -> ManeuverSource | RecordedSource:
-    """The source of the inputs that depend on time alone; lock: as of ManeuverSource, a recording has its own. Raises SpecError, also for a
-    recording that cannot be used."""
+    """The source of the inputs that depend on time alone; lock: as of ManeuverSource, a recording has its own. Raises
+    SpecError, also for a recording that cannot be used."""
     if maneuver.bag:
         return RecordedSource(recorded(maneuver.bag, maneuver.map, maneuver.log_times), input_names, h_ns, stage)
     return ManeuverSource(maneuver, input_names, h_ns, stage, lock)
@@ -228,9 +262,10 @@ def source_of(
 class DriverSource:
     """Input source of a simulation with a driver: what he does in step k depends on what he sees at its beginning.
 
-    The steering of a PreviewDriver passes the filter of CommandSource, a SpeedControl gives torques, all else is of the maneuver.
-    start: speed of the scene at t = 0 [m/s]. lock: angle of the steering wheel at its end stops [rad], further than which nobody turns it.
-    state: (3,) of the hands, then (1,) of the speed control; only of those that there are.
+    The steering of a PreviewDriver passes the filter of CommandSource, a SpeedControl gives torques, all else is of the
+    maneuver. start: speed of the scene at t = 0 [m/s]. lock: angle of the steering wheel at its end stops [rad],
+    further than which nobody turns it. state: (3,) of the hands, then (1,) of the speed control; only of those that
+    there are.
     """
 
     def __init__(
@@ -254,7 +289,9 @@ class DriverSource:
         self._at = {name: k for k, name in enumerate(input_names)}
         if self.driver is not None:
             self._steering = [self._at[name] for name in ('steering', 'steering' + RATE, 'steering' + ACCELERATION)]
-            self._filter = CommandSource(input_names, h_ns, bandwidth=self.driver.bandwidth, rate_limit=self.driver.rate_limit)
+            self._filter = CommandSource(
+                input_names, h_ns, bandwidth=self.driver.bandwidth, rate_limit=self.driver.rate_limit
+            )
         if self.speed is not None:
             self._target = signal(start if self.speed.target is None else self.speed.target)
             self._first, self._wanted = -1, np.zeros((AHEAD, 2))
@@ -282,7 +319,8 @@ class DriverSource:
     def state(self, value: np.ndarray) -> None:
         if value.shape != self.state.shape:
             raise SpecError(
-                f'restore: the state of the driver has {value.size} numbers, this maneuver needs {self.state.size}: other scene'
+                f'restore: the state of the driver has {value.size} numbers, this maneuver needs {self.state.size}: '
+                'other scene'
             )
         if self.driver is not None:
             self._filter.state = value[:3].copy()
@@ -335,7 +373,9 @@ class ReplaySource:
         at = k0 - self.first
         if at < 0 or at + n > len(self.values):
             last = self.first + len(self.values) - 1
-            raise SpecError(f'replay: steps {k0} to {k0 + n - 1} are not in the recording (steps {self.first} to {last})')
+            raise SpecError(
+                f'replay: steps {k0} to {k0 + n - 1} are not in the recording (steps {self.first} to {last})'
+            )
         return np.ascontiguousarray(self.values[at : at + n])
 
     def sample(self, k: int) -> np.ndarray:

@@ -40,7 +40,9 @@ class Reach(NamedTuple):
 
     def beyond(self, values: np.ndarray) -> float | None:
         """The value of an input (n,) that is furthest beyond; None where none is."""
-        off = np.maximum(self.low - values - BOUND_ROUNDING * abs(self.low), values - self.high - BOUND_ROUNDING * abs(self.high))
+        off = np.maximum(
+            self.low - values - BOUND_ROUNDING * abs(self.low), values - self.high - BOUND_ROUNDING * abs(self.high)
+        )
         worst = int(np.argmax(off))
         return float(values[worst]) if off[worst] > 0.0 else None
 
@@ -66,16 +68,20 @@ class Recorded(NamedTuple):
 
 
 def recorded(path: str, channels: Mapping[str, BagChannel], log_times: bool = False) -> Recorded:
-    """Read the inputs in a recording. log_times: see Maneuver. Raises SpecError where nobody can, and what the reader raises."""
+    """Read the inputs in a recording. log_times: see Maneuver. Raises SpecError where nobody can, and what the reader
+    raises."""
     from importlib.metadata import entry_points  # not needed by those without a recording, and slow to import
 
     for reader in entry_points(group=READERS):
         return reader.load()(path, channels, log_times)
-    raise SpecError(f'bag = {path}: no package that is installed reads recordings (entry points of {READERS}); install mbd_sim_ros')
+    raise SpecError(
+        f'bag = {path}: no package that is installed reads recordings (entry points of {READERS}); install mbd_sim_ros'
+    )
 
 
 def _span(given: Recorded) -> tuple[int, int]:
-    """First and last instant of all samples [ns], but single ones, which hold for ever. Raises SpecError where two inputs share no time."""
+    """First and last instant of all samples [ns], but single ones, which hold for ever. Raises SpecError where two
+    inputs share no time."""
     spans = {name: (int(t[0]), int(t[-1])) for name, (t, _) in given.tracks.items() if len(t) > 1}
     if not spans:
         return 0, 0
@@ -83,7 +89,8 @@ def _span(given: Recorded) -> tuple[int, int]:
     begin, end = spans[late][0], spans[early][1]
     if begin > end:
         raise SpecError(
-            f'{given.where}: map: {late} begins at {begin * 1e-9:.6g} s, behind the end of {early} at {end * 1e-9:.6g} s: '
+            f'{given.where}: map: {late} begins at {begin * 1e-9:.6g} s, behind the end of {early} at {end * 1e-9:.6g} '
+            's: '
             'their topics have different clocks; take channels that have stamps of the same one, or log_times: true'
         )
     return min(first for first, _ in spans.values()), max(last for _, last in spans.values())
@@ -92,12 +99,13 @@ def _span(given: Recorded) -> tuple[int, int]:
 class RecordedSource:
     """Input source of a simulation: the inputs in a recording, which begins at t = 0 here.
 
-    A run with the same step gets the same rows, bit for bit. With another step a motion goes through every recorded value, rate and
-    acceleration (quintic between two instants), and a force-like input is the mean of what was held in the recorded steps, so its
-    impulse is kept. Samples of others: motions by a cubic spline through them, force-like inputs linearly between them at the instant
-    where the integrator balances forces; before the first and behind the last the value of that holds, of a single one all the time.
-    Raises SpecError when the model lacks an input that is not zero in the recording, for samples without a common time, for those of a
-    rate or an acceleration, which follow from the motion, for a torque of the brakes with the wrong sign, and outside of the recording.
+    A run with the same step gets the same rows, bit for bit. With another step a motion goes through every recorded
+    value, rate and acceleration (quintic between two instants), and a force-like input is the mean of what was held in
+    the recorded steps, so its impulse is kept. Samples of others: motions by a cubic spline through them, force-like
+    inputs linearly between them at the instant where the integrator balances forces; before the first and behind the
+    last the value of that holds, of a single one all the time. Raises SpecError when the model lacks an input that is
+    not zero in the recording, for samples without a common time, for those of a rate or an acceleration, which follow
+    from the motion, for a torque of the brakes with the wrong sign, and outside of the recording.
     """
 
     def __init__(self, given: Recorded, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> None:
@@ -115,23 +123,30 @@ class RecordedSource:
             self._length_ns = end - begin
             used = {name: track.values for name, track in self._tracks.items()}
             if (torque := used.get(BRAKES)) is not None and np.max(torque) <= 0.0 and np.min(torque) < 0.0:
-                remedy = 'nothing is braked, for it is nowhere above 0: a brake torque is positive; give it a scale below 0'
+                remedy = (
+                    'nothing is braked, for it is nowhere above 0: a brake torque is positive; give it a scale below 0'
+                )
                 raise SpecError(f'{given.where}: map: {BRAKES}: {remedy}')
             for name in (name for name in used if name in companions):
                 motion = name.removesuffix(RATE).removesuffix(ACCELERATION)
-                raise SpecError(f'{given.where}: map: {name}: follows from the motion {motion!r}, which can be mapped; remove this one')
+                raise SpecError(
+                    f'{given.where}: map: {name}: follows from the motion {motion!r}, which can be mapped; remove this '
+                    'one'
+                )
             self._splines: dict[str, np.ndarray] = {}  # slopes
         for name in used:
             if name not in self.names:
                 raise SpecError(f'{given.where}: the model has no input {name!r}{suggestion(name, self.names)}')
         for name in self._motions if given.h_ns else ():
             if name in given.rows and not {name + RATE, name + ACCELERATION} <= given.rows.keys():
-                raise SpecError(f'{given.where}: {name!r} is a motion in this model, but the recording has no rates of it')
+                raise SpecError(
+                    f'{given.where}: {name!r} is a motion in this model, but the recording has no rates of it'
+                )
         self._same = given.h_ns == h_ns
 
     def require_within(self, reaches: Mapping[str, Reach]) -> None:
-        """Refuse samples of others (not inputs that were applied, which were held within it then) that are beyond what inputs may be.
-        Raises SpecError."""
+        """Refuse samples of others (not inputs that were applied, which were held within it then) that are beyond what
+        inputs may be. Raises SpecError."""
         for name, track in ({} if self.given.h_ns else self._tracks).items():
             reach = reaches.get(name)
             worst = None if reach is None else reach.beyond(track.values)
@@ -155,7 +170,10 @@ class RecordedSource:
         """(n, nu) inputs of steps k0 ... k0 + n - 1."""
         if k0 < 0 or k0 + n > self.steps:
             seconds = self._length_ns * 1e-9
-            raise SpecError(f'{self.given.where}: steps {k0} to {k0 + n - 1} are beyond its end at {seconds:g} s; set duration to that')
+            raise SpecError(
+                f'{self.given.where}: steps {k0} to {k0 + n - 1} are beyond its end at {seconds:g} s; set duration to '
+                'that'
+            )
         if self._same:
             table = np.zeros((n, len(self.names)))
             for i, name in enumerate(self.names):

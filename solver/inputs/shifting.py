@@ -50,7 +50,13 @@ class Shifting:
         require_rising('shift', 'pedals', self.pedals)
         require_positions('shift', self.pedals)
         require(len(self.up) >= 1, 'shift', 'up', self.up, 'needs at least one shift')
-        require(len(self.down) == len(self.up), 'shift', 'down', len(self.down), f'must have one row for each of the {len(self.up)} shifts')
+        require(
+            len(self.down) == len(self.up),
+            'shift',
+            'down',
+            len(self.down),
+            f'must have one row for each of the {len(self.up)} shifts',
+        )
         for field, rows in (('up', self.up), ('down', self.down)):
             remedy = f'must have {len(self.pedals)} speeds, one for each of `pedals`'
             for k, row in enumerate(rows):
@@ -78,10 +84,14 @@ class Shifter:
         names = list(input_names)
         for name in INPUTS:
             if name not in names:
-                raise SpecError(f'assistance: shift: the model has no input {name}: give the engine of the vehicle a `power`')
+                raise SpecError(
+                    f'assistance: shift: the model has no input {name}: give the engine of the vehicle a `power`'
+                )
         self._accelerator, self._clutch, self._gear = (names.index(name) for name in INPUTS)
         if shifting.lock_up is not None and LOCK_UP not in names:
-            raise SpecError(f'assistance: shift: lock_up = {shifting.lock_up:g}: the vehicle has no converter with a lock_up')
+            raise SpecError(
+                f'assistance: shift: lock_up = {shifting.lock_up:g}: the vehicle has no converter with a lock_up'
+            )
         self._lock_up = None if shifting.lock_up is None else names.index(LOCK_UP)
         self._in_gear(1)
 
@@ -92,7 +102,9 @@ class Shifter:
     def start(self, row: np.ndarray, speed: float) -> None:
         """Begin at t = 0, in the gear that fits the speed along the car [m/s]; changes the inputs row (nu,) there, as
         act() does."""
-        self._in_gear(self._fitting(abs(speed), float(row[self._accelerator])) if float(row[self._gear]) >= DRIVES else 1)
+        self._in_gear(
+            self._fitting(abs(speed), float(row[self._accelerator])) if float(row[self._gear]) >= DRIVES else 1
+        )
         self.act(row, speed)
 
     def _fitting(self, speed: float, pedal: float) -> int:

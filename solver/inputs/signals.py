@@ -1,8 +1,9 @@
 """Signals: functions of time with exact first and second derivatives.
 
-A signal gives value, rate and acceleration, the latter two by the chain rule from the same expression (`Jet`), because a
-prescribed motion needs all three and they must belong together. Signals are twice continuously differentiable unless their
-docstring says otherwise: corners are replaced by the quintic step s(x) = x^3 (10 - 15 x + 6 x^2) or by its integral.
+A signal gives value, rate and acceleration, the latter two by the chain rule from the same expression (`Jet`), because
+a prescribed motion needs all three and they must belong together. Signals are twice continuously differentiable unless
+their docstring says otherwise: corners are replaced by the quintic step s(x) = x^3 (10 - 15 x + 6 x^2) or by its
+integral.
 """
 
 from __future__ import annotations
@@ -126,7 +127,8 @@ class Ramp:
             raise SpecError(f'final = {self.final:g}: is never reached from {self.initial:g} with slope {self.slope:g}')
         if self.final is not None and (self.final - self.initial) / self.slope < self.blend:
             raise SpecError(
-                f'blend = {self.blend:g}: must not exceed the duration of the ramp ({(self.final - self.initial) / self.slope:g} s)'
+                f'blend = {self.blend:g}: must not exceed the duration of the ramp '
+                f'({(self.final - self.initial) / self.slope:g} s)'
             )
 
     def jet(self, t: np.ndarray) -> Jet:
@@ -159,7 +161,8 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Sine:
-    """amplitude sin(2 pi frequency s + phase) + offset, where s is time from `start` on, for `cycles` periods (all time, when left out).
+    """amplitude sin(2 pi frequency s + phase) + offset, where s is time from `start` on, for `cycles` periods (all
+    time, when left out).
 
     Starting and stopping are rounded over `blend` seconds by letting the phase gather speed.
     """
@@ -177,7 +180,9 @@ class Sine:
         _positive(self, 'frequency', *(['cycles'] if self.cycles is not None else []))
         _not_negative(self, 'blend')
         if self.cycles is not None and self.cycles / self.frequency < self.blend:
-            raise SpecError(f'blend = {self.blend:g}: must not exceed the duration of the sine ({self.cycles / self.frequency:g} s)')
+            raise SpecError(
+                f'blend = {self.blend:g}: must not exceed the duration of the sine ({self.cycles / self.frequency:g} s)'
+            )
 
     def jet(self, t: np.ndarray) -> Jet:
         """Value, rate and acceleration at the times t [s]."""
@@ -191,7 +196,8 @@ class Sine:
 
 @dataclass(frozen=True, kw_only=True)
 class SineWithDwell:
-    """One period of a sine that stands still for `dwell` seconds at its second peak (ISO 19365, FMVSS 126: 0.7 Hz, 0.5 s).
+    """One period of a sine that stands still for `dwell` seconds at its second peak (ISO 19365, FMVSS 126: 0.7 Hz, 0.5
+    s).
 
     The four corners of the phase are rounded over `blend` seconds, centred on the nominal instants.
     """
@@ -207,22 +213,28 @@ class SineWithDwell:
         _positive(self, 'frequency')
         _not_negative(self, 'dwell', 'blend')
         if self.blend > min(0.25 / self.frequency, self.dwell):
-            raise SpecError(f'blend = {self.blend:g}: must not exceed the dwell nor a quarter period ({0.25 / self.frequency:g} s)')
+            raise SpecError(
+                f'blend = {self.blend:g}: must not exceed the dwell nor a quarter period ({0.25 / self.frequency:g} s)'
+            )
 
     def jet(self, t: np.ndarray) -> Jet:
         """Value, rate and acceleration at the times t [s]."""
         peak = self.start + 0.75 / self.frequency
         again = peak + self.dwell
-        clock = smooth_clock(t, self.start, peak, self.blend) + smooth_clock(t, again, again + 0.25 / self.frequency, self.blend)
+        clock = smooth_clock(t, self.start, peak, self.blend) + smooth_clock(
+            t, again, again + 0.25 / self.frequency, self.blend
+        )
         return clock.scaled(2.0 * np.pi * self.frequency).sine().scaled(self.amplitude)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """Swept sine, repeated: each sweep lasts `duration` seconds and runs from `frequency` to `final_frequency`, linear in time.
+    """Swept sine, repeated: each sweep lasts `duration` seconds and runs from `frequency` to `final_frequency`, linear
+    in time.
 
-    The amplitude goes linearly from `amplitude` to `final_amplitude` over all sweeps together. Each sweep fades in and out over
-    `fade` seconds (default: half a period of its lowest frequency, at most half the sweep); zero before and after.
+    The amplitude goes linearly from `amplitude` to `final_amplitude` over all sweeps together. Each sweep fades in and
+    out over `fade` seconds (default: half a period of its lowest frequency, at most half the sweep); zero before and
+    after.
     """
 
     kind: Literal['sweep'] = 'sweep'
@@ -236,9 +248,17 @@ class Sweep:
     fade: Time | None = None
 
     def __post_init__(self) -> None:
-        _positive(self, 'frequency', 'duration', 'repeats', *(f for f in ('final_frequency', 'fade') if getattr(self, f) is not None))
+        _positive(
+            self,
+            'frequency',
+            'duration',
+            'repeats',
+            *(f for f in ('final_frequency', 'fade') if getattr(self, f) is not None),
+        )
         if self.fade is not None and self.fade > 0.5 * self.duration:
-            raise SpecError(f'fade = {self.fade:g}: must not exceed half the duration of a sweep ({0.5 * self.duration:g} s)')
+            raise SpecError(
+                f'fade = {self.fade:g}: must not exceed half the duration of a sweep ({0.5 * self.duration:g} s)'
+            )
 
     def jet(self, t: np.ndarray) -> Jet:
         """Value, rate and acceleration at the times t [s]."""
@@ -254,7 +274,11 @@ class Sweep:
             2.0 * np.pi * self.frequency + chirp * s,
             chirp * one,
         )
-        growth = 0.0 if self.final_amplitude is None else (self.final_amplitude - self.amplitude) / (self.repeats * self.duration)
+        growth = (
+            0.0
+            if self.final_amplitude is None
+            else (self.final_amplitude - self.amplitude) / (self.repeats * self.duration)
+        )
         size = Jet(self.amplitude + growth * since, growth * one, none)
         window = smooth_step(s, 0.0, fade).times(smooth_step(s, self.duration - fade, fade).scaled(-1.0).shifted(1.0))
         return size.times(phase.sine()).times(window)
@@ -264,8 +288,8 @@ class Sweep:
 class Table:
     """Through the points [[t, value], ...], t increasing; the end values hold outside.
 
-    cubic: spline with horizontal ends, C2 inside, C1 at the two ends; it swings beyond points that jump (0, 0, 1, 1 at 0, 1, 1.3, 3 s:
-    from -0.39 to 1.79). linear: C0, for force-like inputs only; it stays between its points.
+    cubic: spline with horizontal ends, C2 inside, C1 at the two ends; it swings beyond points that jump (0, 0, 1, 1 at
+    0, 1, 1.3, 3 s: from -0.39 to 1.79). linear: C0, for force-like inputs only; it stays between its points.
     """
 
     kind: Literal['table'] = 'table'
@@ -307,10 +331,11 @@ class Sum:
 
 @dataclass(frozen=True, kw_only=True)
 class Mapped:
-    """Another signal behind a map: the polynomial through the points [[x, y], ...], x increasing; it is as smooth as that signal.
+    """Another signal behind a map: the polynomial through the points [[x, y], ...], x increasing; it is as smooth as
+    that signal.
 
-    Points that lie closer together towards both ends (like the zeros of a Chebyshev polynomial) keep it from swinging between them. A scene
-    that asks it for more than 5 % of their width beyond them is refused.
+    Points that lie closer together towards both ends (like the zeros of a Chebyshev polynomial) keep it from swinging
+    between them. A scene that asks it for more than 5 % of their width beyond them is refused.
     """
 
     kind: Literal['mapped'] = 'mapped'
@@ -331,8 +356,8 @@ class Mapped:
     def of_jet(self, x: Jet) -> Jet:
         """The polynomial in Newton's form (divided differences) at x, by Horner's scheme.
 
-        The points are taken in Leja's order, each as far as possible from those before it: without it the differences of many points
-        lose their digits (L. Reichel, Newton interpolation at Leja points, BIT 30 (1990) 332).
+        The points are taken in Leja's order, each as far as possible from those before it: without it the differences
+        of many points lose their digits (L. Reichel, Newton interpolation at Leja points, BIT 30 (1990) 332).
         """
         nodes, differences = (list(column) for column in zip(*_spread(self.points), strict=True))
         for order in range(1, len(nodes)):

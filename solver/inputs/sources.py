@@ -18,9 +18,10 @@ from solver.inputs.recorded import Reach, RecordedSource
 class Sources:
     """The inputs of a simulation, step by step.
 
-    stage: where in a step the integrator balances forces. speed: at the start [m/s]. duration: of the simulation [s]. reaches: what
-    inputs may be. lock: angle of the steering wheel at its end stops [rad]. of_time: what depends on time alone. wheels: for an assistance.
-    driver, assistant, actuators: where there are any; what a recording says has acted, so nothing lies behind it. Raises SpecError.
+    stage: where in a step the integrator balances forces. speed: at the start [m/s]. duration: of the simulation [s].
+    reaches: what inputs may be. lock: angle of the steering wheel at its end stops [rad]. of_time: what depends on time
+    alone. wheels: for an assistance. driver, assistant, actuators: where there are any; what a recording says has
+    acted, so nothing lies behind it. Raises SpecError.
     """
 
     def __init__(
@@ -45,7 +46,9 @@ class Sources:
             self.of_time.require_within(reaches or {})
         if isinstance(self.of_time, RecordedSource) and round(duration * 1e9 / h_ns) > self.of_time.steps:
             last = self.of_time.steps * h_ns * 1e-9
-            raise SpecError(f'duration = {duration:g}: {self.of_time.given.where} ends at {last:g} s; set duration to that or less')
+            raise SpecError(
+                f'duration = {duration:g}: {self.of_time.given.where} ends at {last:g} s; set duration to that or less'
+            )
         self.driver = DriverSource(maneuver, names, h_ns, stage, speed, lock) if maneuver.closed_loop else None
         if self.driver is not None:
             self.of_time = self.driver.open_loop  # which the driver asks, so it knows up to where a verdict has to look
@@ -78,8 +81,8 @@ class Sources:
         return inputs if self.actuators is None else self.actuators.start(inputs)
 
     def sample(self, k: int, sight: Callable[[], Sight], feel: Callable[[], Feel]) -> np.ndarray:
-        """(nu,) inputs of step k; advances driver, assistance and actuators, so it is called once per step. sight: what the driver sees;
-        feel: what the assistance measures."""
+        """(nu,) inputs of step k; advances driver, assistance and actuators, so it is called once per step. sight: what
+        the driver sees; feel: what the assistance measures."""
         row = self.of_time.sample(k) if self.driver is None else self.driver.sample(k, sight())
         if self.assistant is not None:
             row = self.assistant.act(row, feel())
@@ -93,8 +96,9 @@ class Sources:
     def recall(self, memory: Mapping[str, np.ndarray], inputs: np.ndarray, *, elsewhere: bool = False) -> None:
         """Go on from memory(). Raises SpecError where that is not of these.
 
-        inputs: (nu,) in force. elsewhere: the memory is that of another scene of the same vehicle, whose driver had another way and whose
-        actuators may be others: these begin at the inputs, and so does an assistance that was not there.
+        inputs: (nu,) in force. elsewhere: the memory is that of another scene of the same vehicle, whose driver had
+        another way and whose actuators may be others: these begin at the inputs, and so does an assistance that was not
+        there.
         """
         if elsewhere:
             if self.driver is not None:

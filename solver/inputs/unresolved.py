@@ -18,7 +18,8 @@ import numpy as np
 from solver.inputs.signals import Signal
 
 BETWEEN = (0.0, 0.17, 0.41, 0.68, 0.89)  # of a step; no common divisor that a period could have
-LARGEST = 0.025  # of the range of a signal; N steps a period reach (1 - cos(pi / N)) / 2, 0.038 for 8, and half of them 0.7 of it
+# of the range of a signal; N steps a period reach (1 - cos(pi / N)) / 2, 0.038 for 8, and half of them 0.7 of it
+LARGEST = 0.025
 WINDOW = 10  # steps
 AT_ONCE = 4096  # steps
 LOOKS = 200_000  # steps of a run at most, for the range of a signal; of longer runs some are left out
@@ -74,7 +75,9 @@ class Unresolved:
         run. It begins anew if k is less than at the last look."""
         if k < self._k or not self._watched:
             self._k = 0
-            self._watched = {name: _Watched(signal, self._h, duration) for name, signal in self._signals.items()} if k else {}
+            self._watched = (
+                {name: _Watched(signal, self._h, duration) for name, signal in self._signals.items()} if k else {}
+            )
         while self._k < k and self._watched:
             n = min(k - self._k, AT_ONCE)
             for watched in self._watched.values():

@@ -1,8 +1,9 @@
 """Levels of detail: less of a vehicle, derived from the whole one by rules, for any vehicle file.
 
-The one door is `derive(scene)`: first the switches take subsystems out of the model (solver.levels.switches), then the rules of a level
-reduce what is left, each in its module. The derived scene holds a model as given (`fidelity: full`), so that everything that simulates,
-records and analyses treats it like any other; its report says what it left out, and where it holds.
+The one door is `derive(scene)`: first the switches take subsystems out of the model (solver.levels.switches), then the
+rules of a level reduce what is left, each in its module. The derived scene holds a model as given (`fidelity: full`),
+so that everything that simulates, records and analyses treats it like any other; its report says what it left out, and
+where it holds.
 """
 
 from __future__ import annotations
@@ -24,7 +25,11 @@ if TYPE_CHECKING:
 
 __all__ = ['Derived', 'LevelReport', 'derive', 'simulation_of']
 
-LEVELS = {'condensed': 'solver.levels.condensed', 'kc': 'solver.levels.kc', 'single_track': 'solver.levels.single_track'}
+LEVELS = {
+    'condensed': 'solver.levels.condensed',
+    'kc': 'solver.levels.kc',
+    'single_track': 'solver.levels.single_track',
+}
 """Level -> the module with its `derive(scene) -> Derived`: from a scene with `fidelity: full` and no switches."""
 
 
@@ -43,7 +48,8 @@ def derive(scene: Scene) -> Derived:
         scene, certificate = resolved(scene)
     else:
         certificate = certificate_of(scene)
-    if scene.maneuver.by_road_wheel:  # the map is that of the whole vehicle, and a plan is one of the scene as it is written
+    # the map is that of the whole vehicle, and a plan is one of the scene as it is written
+    if scene.maneuver.by_road_wheel:
         from solver.levels.road_wheel import by_steering_wheel
 
         scene = by_steering_wheel(scene)
@@ -52,7 +58,9 @@ def derive(scene: Scene) -> Derived:
         given = dataclasses.replace(scene, model=model, fidelity='full', switches={})
         if scene.fidelity == 'full':
             whole = scene if not scene.reduced else given
-            derived = Derived(scene=whole, level='full', report=LevelReport(), as_given=not scene.reduced and certificate is None)
+            derived = Derived(
+                scene=whole, level='full', report=LevelReport(), as_given=not scene.reduced and certificate is None
+            )
         else:
             derived = importlib.import_module(LEVELS[scene.fidelity]).derive(given)
     except SpecError as error:
@@ -69,8 +77,8 @@ def derive(scene: Scene) -> Derived:
 def simulation_of(scene: Scene) -> Simulation:
     """The simulation of a scene at its start, by its fidelity, its switches and the kind of its integrator.
 
-    Compiles what it needs, which takes a minute the first time (`mbd compile`). Raises SpecError or SceneError for what cannot be
-    simulated, and ConsistencyError where no consistent start was found.
+    Compiles what it needs, which takes a minute the first time (`mbd compile`). Raises SpecError or SceneError for what
+    cannot be simulated, and ConsistencyError where no consistent start was found.
     """
     from solver.engine.stepping import KINDS, Stepping
     from solver.simulation import Simulation

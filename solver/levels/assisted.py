@@ -1,9 +1,11 @@
-"""Power steering at the level kc: torsion bar and motor stay (solver.elements.servo), between steering wheel and a pinion on the chassis
-that turns as the one of the vehicle and moves what that one moves. The guide of the axle follows the pinion; so the bench measures it with
-the gear held to a steering wheel without universal joints, and how far bar and motor give way is not in its compliance.
+"""Power steering at the level kc: torsion bar and motor stay (solver.elements.servo), between steering wheel and a
+pinion on the chassis that turns as the one of the vehicle and moves what that one moves. The guide of the axle follows
+the pinion; so the bench measures it with the gear held to a steering wheel without universal joints, and how far bar
+and motor give way is not in its compliance.
 
-Conserved are the law of the motor, the inertia of what moves with the gear (twice the kinetic energy at a unit rate of the pinion) and its
-dampers and dry friction, reduced to the pinion by their levers, the non-uniformity of the universal joints.
+Conserved are the law of the motor, the inertia of what moves with the gear (twice the kinetic energy at a unit rate of
+the pinion) and its dampers and dry friction, reduced to the pinion by their levers, the non-uniformity of the universal
+joints.
 """
 
 from __future__ import annotations
@@ -39,8 +41,9 @@ class Assisted(NamedTuple):
 
 
 def gear_held(spec: ModelSpec) -> tuple[ModelSpec, ServoSpec | None]:
-    """(the model for the bench, the servo over the gear and the steering wheel): there the gear turns with the steering wheel as it does
-    with the pinion. A model without a servo, or with a column that no rule reduces or that turns it round, comes back as it is."""
+    """(the model for the bench, the servo over the gear and the steering wheel): there the gear turns with the steering
+    wheel as it does with the pinion. A model without a servo, or with a column that no rule reduces or that turns it
+    round, comes back as it is."""
     if len(spec.servos) != 1:
         return spec, None
     draft = Draft(spec)
@@ -55,7 +58,8 @@ def gear_held(spec: ModelSpec) -> tuple[ModelSpec, ServoSpec | None]:
 
 
 def assisted(spec: ModelSpec, servo: ServoSpec, data: dict[str, Any], turned: float) -> Assisted:
-    """The steering of a vehicle whose servo is that of gear_held(); data, turned: `gear`, `steering` of solver.levels.maps.measured()."""
+    """The steering of a vehicle whose servo is that of gear_held(); data, turned: `gear`, `steering` of
+    solver.levels.maps.measured()."""
     (moved, share), (driving, factor) = servo.terms
     lever = -factor / share  # of the pinion, with which the coordinate that the motor moves goes by so much per turn
     draft = Draft(spec)
@@ -84,8 +88,8 @@ def assisted(spec: ModelSpec, servo: ServoSpec, data: dict[str, Any], turned: fl
 
 
 def steering_springs(data: dict[str, Any], turned: float) -> Law:
-    """The torque [N m] by which what steering winds up turns it back, the springs of a car that it lifts among it; data, turned: `gear`,
-    `steering` of solver.levels.maps.measured()."""
+    """The torque [N m] by which what steering winds up turns it back, the springs of a car that it lifts among it;
+    data, turned: `gear`, `steering` of solver.levels.maps.measured()."""
     return spring_law(np.linspace(-turned, turned, len(data['torque'])), np.array(data['torque']))
 
 
@@ -93,6 +97,8 @@ def unassisted(spec: ModelSpec, dampers: Collection[str | int]) -> tuple[str, ..
     """Sentences on a motor in the steering gear behind a column that no rule reduces, and on dampers of a gear without
     a motor. dampers: indices of those that the steering moves."""
     said = 'the motor of {} and friction in the steering: the torque at the steering wheel is the whole one'
-    braking = [spec.spring_dampers[int(k)].name for k in dampers] + [f.name for f in spec.coordinate_forces if f.name == FRICTION]
+    braking = [spec.spring_dampers[int(k)].name for k in dampers] + [
+        f.name for f in spec.coordinate_forces if f.name == FRICTION
+    ]
     felt = f'{", ".join(braking)}: the torque at the steering wheel is without'
     return (*(said.format(servo.name) for servo in spec.servos), *((felt,) if braking else ()))

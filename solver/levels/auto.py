@@ -1,9 +1,9 @@
-"""`fidelity: auto`: level, switches and integrator that the plan of a scene has chosen (`mbd plan`), and its certificate: the envelope, and
-what would make a run suspect but was there too where errors were measured.
+"""`fidelity: auto`: level, switches and integrator that the plan of a scene has chosen (`mbd plan`), and its
+certificate: the envelope, and what would make a run suspect but was there too where errors were measured.
 
-A plan is kept beside the compiled kernels under what it depends on: the model, the start, the maneuver (of a recording its inputs), the
-actuators and the assistance behind it, the duration, what is required, and the sources of the solver. So it cannot be out of date: whatever
-changes, there is none any more.
+A plan is kept beside the compiled kernels under what it depends on: the model, the start, the maneuver (of a recording
+its inputs), the actuators and the assistance behind it, the duration, what is required, and the sources of the solver.
+So it cannot be out of date: whatever changes, there is none any more.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ def key(scene: Scene) -> str:
 
 
 def _recorded(maneuver: Maneuver) -> list[bytes]:
-    """The inputs in the recording that a maneuver takes, whose name stays where it is made anew; nothing of one that takes none."""
+    """The inputs in the recording that a maneuver takes, whose name stays where it is made anew; nothing of one that
+    takes none."""
     if not maneuver.bag:
         return []
     found = recorded(maneuver.bag, maneuver.map, maneuver.log_times)
@@ -59,7 +60,11 @@ def beside_text(scene: Scene) -> list[bytes]:
     """Data on which runs of a scene depend beside its resolved text: the inputs in the recording that its maneuver
     takes, and its plan. Raises what the reader of a recording raises."""
     plan = plan_of(scene) if scene.require.accuracy or scene.fidelity == 'auto' else None
-    said = {} if plan is None else {name: plan[name] for name in ('status', 'fidelity', 'settings', 'envelope', 'findings')}
+    said = (
+        {}
+        if plan is None
+        else {name: plan[name] for name in ('status', 'fidelity', 'settings', 'envelope', 'findings')}
+    )
     return [*_recorded(scene.maneuver), json.dumps(said, sort_keys=True).encode()]
 
 
@@ -89,20 +94,30 @@ def resolved(scene: Scene) -> tuple[Scene, Certificate]:
     plan = plan_of(scene)
     begin = f"scene {scene.name!r}: fidelity = 'auto'"
     if plan is None:
-        raise SceneError(f"{begin}: there is no plan of this scene as it stands; make one with mbd plan, or name a level, e.g. 'full'")
+        raise SceneError(
+            f'{begin}: there is no plan of this scene as it stands; make one with mbd plan, or name a level, e.g. '
+            "'full'"
+        )
     if plan['status'] == INCOMPLETE:
         why = '; '.join(plan['give'])
         raise SceneError(f"{begin}: its plan is incomplete: {why}; make it anew, or name a level, e.g. 'full'")
     if plan['status'] != OK:
         raise SceneError(
-            f"{begin}: its plan found nothing that keeps what is required; relax require or budget, or name a level, e.g. 'full'"
+            f'{begin}: its plan found nothing that keeps what is required; relax require or budget, or name a level, '
+            "e.g. 'full'"
         )
     return chosen(scene, plan), _certificate(plan)
 
 
 def _certificate(plan: Mapping[str, Any]) -> Certificate:
     envelope = tuple(
-        Limit(quantity=e['quantity'], unit=e['unit'], low=e['low'], high=e['high'], why='the plan is certified for this range')
+        Limit(
+            quantity=e['quantity'],
+            unit=e['unit'],
+            low=e['low'],
+            high=e['high'],
+            why='the plan is certified for this range',
+        )
         for e in plan['envelope']
     )
     return Certificate(plan['hash'], envelope, tuple(Certified(**one) for one in plan['findings']))
@@ -119,12 +134,18 @@ def chosen(scene: Scene, plan: Mapping[str, Any]) -> Scene:
     every = max(1, min(scene.record.every, int(scene.record.every * scene.integrator.h / integrator['h'] + 1e-6)))
     if scene.resolved:
         switches = ', '.join(f'{name}: {state}' for name, state in settings['switches'].items())
-        overrides = [f'fidelity={plan["fidelity"]}', f'switches={{{switches}}}', *(f'integrator.{k}={v}' for k, v in integrator.items())]
+        overrides = [
+            f'fidelity={plan["fidelity"]}',
+            f'switches={{{switches}}}',
+            *(f'integrator.{k}={v}' for k, v in integrator.items()),
+        ]
         overrides += [f'record.every={every}'] if every != scene.record.every else []
         return load_scene_text(scene.resolved, scene.name, overrides)
     integrator = dataclasses.replace(scene.integrator, **integrator)
     record = dataclasses.replace(scene.record, every=every)
-    return dataclasses.replace(scene, fidelity=plan['fidelity'], switches=settings['switches'], integrator=integrator, record=record)
+    return dataclasses.replace(
+        scene, fidelity=plan['fidelity'], switches=settings['switches'], integrator=integrator, record=record
+    )
 
 
 def certificate_of(scene: Scene) -> Certificate | None:
@@ -137,7 +158,11 @@ def certificate_of(scene: Scene) -> Certificate | None:
         return None
     asked = scene if scene.fidelity == 'auto' else chosen(scene, plan)
     off = {name for name, state in scene.switches.items() if state == 'off'}
-    same = asked.fidelity == scene.fidelity and {*plan['settings']['switches']} == off and asked.integrator == scene.integrator
+    same = (
+        asked.fidelity == scene.fidelity
+        and {*plan['settings']['switches']} == off
+        and asked.integrator == scene.integrator
+    )
     return _certificate(plan) if scene.fidelity == 'auto' or same else None
 
 

@@ -14,7 +14,8 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.vehicle.hardpoints import SIDES, marker_at
 from solver.vehicle.parts import LEFTWARDS, UP, vector_of
 
-SHARED = 0.05  # of the mass that moves with a wheel: below it what moves with both wheels of an axle is no body of its own
+# of the mass that moves with a wheel: below it what moves with both wheels of an axle is no body of its own
+SHARED = 0.05
 FORWARDS = (1.0, 0.0, 0.0)
 
 
@@ -35,8 +36,9 @@ class Beam(NamedTuple):
 
 
 def beam(name: str, mass: float, chassis: RigidBodySpec, ends: Sequence[tuple[RigidBodySpec, np.ndarray]]) -> Beam:
-    """A mass [kg] in the middle of a line between the centres of both wheels, wherever these go: its weight and its inertia are on both
-    of them in all directions, and the chassis, against which it does not turn about that line, feels no force of it.
+    """A mass [kg] in the middle of a line between the centres of both wheels, wherever these go: its weight and its
+    inertia are on both of them in all directions, and the chassis, against which it does not turn about that line,
+    feels no force of it.
 
     ends: left and right wheel with their centres [m]. The first coordinate is how far it goes up in the chassis.
     """
@@ -45,7 +47,9 @@ def beam(name: str, mass: float, chassis: RigidBodySpec, ends: Sequence[tuple[Ri
     line = marker_at(body, at, LEFTWARDS)
     names = [f'{name}_{side}' for side in SIDES]
     wheels = [marker_at(wheel, vector_of(center)) for wheel, center in ends]
-    along = tuple(CoordinateSpec(name=n, kind='translation', i=line, j=wheel) for n, wheel in zip(names, wheels, strict=True))
+    along = tuple(
+        CoordinateSpec(name=n, kind='translation', i=line, j=wheel) for n, wheel in zip(names, wheels, strict=True)
+    )
     up = marker_at(chassis, at, UP)
     return Beam(
         body,
@@ -61,11 +65,12 @@ def beam(name: str, mass: float, chassis: RigidBodySpec, ends: Sequence[tuple[Ri
 def divided(J: np.ndarray, own: np.ndarray, other: np.ndarray, moved: np.ndarray, beside: float) -> AxleMasses:
     """The masses that have a given mass matrix over both travels.
 
-    J (2,): inertia of a wheel about a diameter [kg m^2]. own, other (2, 4): slopes of x, y, psi, gamma of a wheel over its own travel s and
-    over that of the other one, o. moved (2,), beside: the mass matrix, on its diagonal and beside it [kg]. On its diagonal wheels have
-    m (1 + X_s^2 + Y_s^2 + X_o^2 + Y_o^2) + J (Psi_s^2 + Gamma_s^2 + Psi_o^2 + Gamma_o^2), slopes over o of the other wheel, and beside it
-    the sum over both of m (X_s X_o + Y_s Y_o) + J (Psi_s Psi_o + Gamma_s Gamma_o). To that the shared mass adds, of the slopes (x, y, 1/2)
-    of the middle over either travel, its part of their squares, and beside it of their product.
+    J (2,): inertia of a wheel about a diameter [kg m^2]. own, other (2, 4): slopes of x, y, psi, gamma of a wheel over
+    its own travel s and over that of the other one, o. moved (2,), beside: the mass matrix, on its diagonal and beside
+    it [kg]. On its diagonal wheels have m (1 + X_s^2 + Y_s^2 + X_o^2 + Y_o^2) + J (Psi_s^2 + Gamma_s^2 + Psi_o^2 +
+    Gamma_o^2), slopes over o of the other wheel, and beside it the sum over both of m (X_s X_o + Y_s Y_o) + J (Psi_s
+    Psi_o + Gamma_s Gamma_o). To that the shared mass adds, of the slopes (x, y, 1/2) of the middle over either travel,
+    its part of their squares, and beside it of their product.
     """
     squares = [np.add.reduce(x * x, axis=1) for x in (own[:, :2], own[:, 2:], other[::-1, :2], other[::-1, 2:])]
     along, turned = 1.0 + squares[0] + squares[2], J * squares[1] + J[::-1] * squares[3]

@@ -1,9 +1,10 @@
 """Anti-roll bars without bodies of their own: a torsion spring over the difference of what the two drop links move.
 
-A bar is a torsion spring between two bodies, each in a bearing (a bushing or a revolute joint) on a common base, each with a drop link to a
-suspension arm. The twist of a half is the displacement of the link's outer end along the link, relative to the base, over its lever; the
-bending of the bar in its bearings is in series with its torsion. Exact for small displacements. (With the swing of the arm instead the
-force would not act where the link does, and the tenth of a millimetre that the arm's bushing then gives more or less steers the wheel.)
+A bar is a torsion spring between two bodies, each in a bearing (a bushing or a revolute joint) on a common base, each
+with a drop link to a suspension arm. The twist of a half is the displacement of the link's outer end along the link,
+relative to the base, over its lever; the bending of the bar in its bearings is in series with its torsion. Exact for
+small displacements. (With the swing of the arm instead the force would not act where the link does, and the tenth of a
+millimetre that the arm's bushing then gives more or less steers the wheel.)
 """
 
 from __future__ import annotations
@@ -46,7 +47,13 @@ def reduced_bars(draft: Draft) -> None:
         if twist is None or twist.kind != 'rotation' or draft.uses(twist.name) != [force.name]:
             continue
         halves = [_half(draft, marker.body, twist.name) for marker in (twist.i, twist.j)]
-        plain = force.input is None and not force.preload and not force.reference and force.spring is not None and len(force.spring.x) == 1
+        plain = (
+            force.input is None
+            and not force.preload
+            and not force.reference
+            and force.spring is not None
+            and len(force.spring.x) == 1
+        )
         if plain and halves[0] is not None and halves[1] is not None and halves[0].base == halves[1].base:
             _take(draft, force, twist, halves[0], halves[1])
 
@@ -69,7 +76,9 @@ def drop_bars(draft: Draft) -> None:
 
 def _half(draft: Draft, body: str, twist: str) -> Half | None:
     rest = [h for h in draft.holds(body) if h.name != twist]
-    bearings = [h for h in rest if h.section == 'bushings' or (h.section == 'joints' and draft.spec(h).kind == 'revolute')]
+    bearings = [
+        h for h in rest if h.section == 'bushings' or (h.section == 'joints' and draft.spec(h).kind == 'revolute')
+    ]
     links = [h for h in rest if h.section == 'joints' and draft.spec(h).kind in LINKS]
     if len(rest) != 2 or len(bearings) != 1 or len(links) != 1:
         return None
@@ -80,18 +89,30 @@ def _half(draft: Draft, body: str, twist: str) -> Half | None:
     if all(draft.spec(h).kind == 'universal' for h in (links[0], others[0])):
         return None  # it would turn the arm
     inner, outer = (draft.placed(draft.spec(h).i).p for h in (links[0], others[0]))
-    return Half(body, bearings[0], draft.other(bearings[0]).body, links[0], link, others[0], draft.other(others[0]).body, inner, outer)
+    return Half(
+        body,
+        bearings[0],
+        draft.other(bearings[0]).body,
+        links[0],
+        link,
+        others[0],
+        draft.other(others[0]).body,
+        inner,
+        outer,
+    )
 
 
 def _take(draft: Draft, force: CoordinateForceSpec, twist: CoordinateSpec, right: Half, left: Half) -> None:
     centre, R = draft.placed(twist.i)
     axis = R[:, 2]
     assert force.spring is not None
-    softness = 1.0 / force.spring.slope[0] if force.spring.slope[0] else math.inf  # a bar of no stiffness is there, and slack
+    # a bar of no stiffness is there, and slack
+    softness = 1.0 / force.spring.slope[0] if force.spring.slope[0] else math.inf
     terms = []
     for half, sign in ((left, 1.0), (right, -1.0)):
         along = unit(half.end - half.pin)
-        lever = float(product(np.cross(axis, half.pin - centre), along))  # of the bar's twist on the motion along the link [m/rad]
+        # of the bar's twist on the motion along the link [m/rad]
+        lever = float(product(np.cross(axis, half.pin - centre), along))
         softness += _bending(draft, half, axis, along) / (lever * lever)
         name = half.link
         F = frame_of_axis(three(along))
@@ -125,8 +146,11 @@ def _bending(draft: Draft, half: Half, axis: np.ndarray, along: np.ndarray) -> f
 
 
 def _pivot(draft: Draft, half: Half) -> tuple[np.ndarray, np.ndarray] | None:
-    """(point, direction) of the axis about which the arm swings on the base of the bar, if it hangs there in a bushing."""
-    hanging = [draft.spec(h) for h in draft.holds(half.arm) if h.section == 'bushings' and draft.other(h).body == half.base]
+    """(point, direction) of the axis about which the arm swings on the base of the bar, if it hangs there in a
+    bushing."""
+    hanging = [
+        draft.spec(h) for h in draft.holds(half.arm) if h.section == 'bushings' and draft.other(h).body == half.base
+    ]
     if len(hanging) != 1:
         return None
     p, R = draft.placed(hanging[0].i)
@@ -136,7 +160,8 @@ def _pivot(draft: Draft, half: Half) -> tuple[np.ndarray, np.ndarray] | None:
 def _twisted_bearing(
     draft: Draft, half: Half, bearing: BushingSpec, axes: np.ndarray, axis: np.ndarray, along: np.ndarray, lever: float
 ) -> None:
-    """Let the arm feel the resistance of a bar's bearing against turning, which grows with the square of bar's turn over arm's."""
+    """Let the arm feel the resistance of a bar's bearing against turning, which grows with the square of bar's turn
+    over arm's."""
     pivot = _pivot(draft, half)
     if pivot is None:
         draft.lose(f'the resistance of {bearing.name} against turning')
@@ -145,11 +170,14 @@ def _twisted_bearing(
     ratio = float(product(np.cross(n, half.end - p), along)) / lever
     K, C = turning(bearing, axes)
     about = ratio * ratio * n[:, None] * n[None, :]
-    draft.resist(half.arm, float(product(axis, product(K, axis))) * about, float(product(axis, product(C, axis))) * about)
+    draft.resist(
+        half.arm, float(product(axis, product(K, axis))) * about, float(product(axis, product(C, axis))) * about
+    )
 
 
 def _carry(draft: Draft, half: Half, axis: np.ndarray, centre: np.ndarray, lever: float) -> None:
-    """Let base and arm carry half and link, and remove both: what of the half turns about the axis moves with the end of the link."""
+    """Let base and arm carry half and link, and remove both: what of the half turns about the axis moves with the end
+    of the link."""
     link, bar = draft.bodies[half.link], draft.bodies[half.body]
     draft.add_mass(half.arm, link.mass, draft.com(half.link), draft.inertia(half.link))
     draft.drop('bodies', half.link)

@@ -17,8 +17,9 @@ APPROACH = 8  # equilibria on the way to a place that is not found at once
 
 
 class Stand(NamedTuple):
-    """A state of the bench. q (nb + 1, 7); x: by corner (5,) x, y, psi, gamma, theta; load: by corner, vertical [N]; lengths: of the
-    spring-dampers [m]; angles: of the joint coordinates; torque: that holds the steering wheel [N m]."""
+    """A state of the bench. q (nb + 1, 7); x: by corner (5,) x, y, psi, gamma, theta; load: by corner, vertical [N];
+    lengths: of the spring-dampers [m]; angles: of the joint coordinates; torque: that holds the steering wheel [N
+    m]."""
 
     q: np.ndarray
     x: dict[str, np.ndarray]
@@ -46,7 +47,14 @@ class Bench:
         loads = {c: corner['load'] for c, corner in corners.items()}
         model, state = self.rig.model, self.rig.state
         lengths = model.outputs(SPRING_DAMPERS.name, self.rig.start.outputs)[:, SPRING_DAMPERS.column('length')].copy()
-        return Stand(state.q.copy(), {c: self._wheel(c, state.q) for c in CORNERS}, loads, lengths, state.angle.copy(), self._torque())
+        return Stand(
+            state.q.copy(),
+            {c: self._wheel(c, state.q) for c in CORNERS},
+            loads,
+            lengths,
+            state.angle.copy(),
+            self._torque(),
+        )
 
     def _torque(self) -> float:
         row_names = self.rig.model.row_names

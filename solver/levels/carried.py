@@ -26,15 +26,20 @@ def apart(model: ModelSpec) -> tuple[ModelSpec, Sections]:
     of = {section: {name for s, name in model.added if s == section} for section, _ in model.added}
     sections = model.sections()
     more = {section: tuple(spec for spec in sections[section] if spec.name in names) for section, names in of.items()}
-    alone = {section: tuple(spec for spec in sections[section] if spec.name not in names) for section, names in of.items()}
+    alone = {
+        section: tuple(spec for spec in sections[section] if spec.name not in names) for section, names in of.items()
+    }
     less = dataclasses.replace(model, **alone, added=())
     used = used_inputs(less)
     own = {getattr(spec, key, None) for specs in more.values() for spec in specs for key in INPUTS}
-    return dataclasses.replace(less, inputs=tuple(name for name in model.inputs if name in used or name not in own)), more
+    return dataclasses.replace(
+        less, inputs=tuple(name for name in model.inputs if name in used or name not in own)
+    ), more
 
 
 def carrying(less: ModelSpec, more: Sections, whole: ModelSpec) -> ModelSpec:
-    """The model of a level with what the whole vehicle carries. Raises SpecError for an element on what the level does not have."""
+    """The model of a level with what the whole vehicle carries. Raises SpecError for an element on what the level does
+    not have."""
     if not more:
         return less
     merged: dict[str, Any] = {section: (*getattr(less, section), *specs) for section, specs in more.items()}
@@ -48,7 +53,9 @@ def carrying(less: ModelSpec, more: Sections, whole: ModelSpec) -> ModelSpec:
                     raise SpecError(f'{spec.where}: acts on body {body!r}, which this level does not have; use full')
             for name in _names(spec):
                 if name in known and name not in coordinates:
-                    raise SpecError(f'{spec.where}: acts on coordinate {name!r}, which this level does not have; use full')
+                    raise SpecError(
+                        f'{spec.where}: acts on coordinate {name!r}, which this level does not have; use full'
+                    )
     names = used_inputs(model)
     return dataclasses.replace(model, inputs=tuple(name for name in whole.inputs if name in names))
 
@@ -62,10 +69,13 @@ def require_kept(less: ModelSpec, whole: ModelSpec) -> tuple[str, ...]:
 
 
 def left_out(spec: Any) -> str:
-    """Something that a vehicle carries and a level does not have, in words. Raises SpecError where it is driven by an input."""
+    """Something that a vehicle carries and a level does not have, in words. Raises SpecError where it is driven by an
+    input."""
     name = next(filter(None, (getattr(spec, key, None) for key in INPUTS)), None)
     if name:
-        raise SpecError(f'{spec.where}: its input {name!r} moves nothing that this level has; use full, or leave the element out')
+        raise SpecError(
+            f'{spec.where}: its input {name!r} moves nothing that this level has; use full, or leave the element out'
+        )
     return f'{spec.where}, which the vehicle carries'
 
 

@@ -1,5 +1,6 @@
-"""Steering columns without bodies: two bearings with universal joints and a telescope between them. The mesh at the far bearing, with or
-without a servo, is driven by the near one through the non-uniformity of the joints (solver.elements.transmission).
+"""Steering columns without bodies: two bearings with universal joints and a telescope between them. The mesh at the far
+bearing, with or without a servo, is driven by the near one through the non-uniformity of the joints
+(solver.elements.transmission).
 
 Columns are found by what their joints are, not by names.
 """
@@ -23,7 +24,8 @@ SAMPLES = 360  # of a turn, for the harmonics of universal joints
 
 
 class Column(NamedTuple):
-    """A chain of two bearings with two universal joints and a telescope between: bodies and joints from the driven end on."""
+    """A chain of two bearings with two universal joints and a telescope between: bodies and joints from the driven end
+    on."""
 
     wheel: str
     near: Bearing
@@ -42,7 +44,12 @@ def reduced_columns(draft: Draft) -> None:
 
 
 def _all_columns(draft: Draft) -> list[Column]:
-    driven = {name for coupler in draft.sections['couplers'].values() if coupler.input is not None for name, _ in coupler.terms}
+    driven = {
+        name
+        for coupler in draft.sections['couplers'].values()
+        if coupler.input is not None
+        for name, _ in coupler.terms
+    }
     return [column for wheel in draft.bodies if (column := _column(draft, wheel, driven)) is not None]
 
 
@@ -55,7 +62,10 @@ def straight_columns(draft: Draft, *, look: bool = False) -> bool:
             _take_column(draft, column)
         for mesh in list(draft.sections['transmissions'].values()):
             draft.drop('transmissions', mesh.name)
-            draft.put('coordinate_forces', CoordinateForceSpec(name=mesh.name, terms=mesh.terms, spring=mesh.spring, damper=mesh.damper))
+            draft.put(
+                'coordinate_forces',
+                CoordinateForceSpec(name=mesh.name, terms=mesh.terms, spring=mesh.spring, damper=mesh.damper),
+            )
         for servo in list(draft.sections['servos'].values()):
             draft.put('servos', servo.replace(harmonics=(0.0, 0.0, 0.0, 0.0)))
     return bool(columns)
@@ -81,8 +91,14 @@ def _column(draft: Draft, wheel: str, driven: set[str]) -> Column | None:
 
 
 def _mesh(draft: Draft, angle: str) -> CoordinateForceSpec | ServoSpec | None:
-    """The elastic mesh of the rotation at a far bearing with another coordinate, if that is all that is written in it."""
-    found = [f for section in ('coordinate_forces', 'servos') for f in draft.sections[section].values() if angle in dict(f.terms)]
+    """The elastic mesh of the rotation at a far bearing with another coordinate, if that is all that is written in
+    it."""
+    found = [
+        f
+        for section in ('coordinate_forces', 'servos')
+        for f in draft.sections[section].values()
+        if angle in dict(f.terms)
+    ]
     if len(found) != 1 or len(found[0].terms) != 2 or draft.uses(angle) != [found[0].name]:
         return None
     (mesh,) = found
@@ -104,7 +120,9 @@ def _take_column(draft: Draft, column: Column) -> None:
         draft.put('servos', mesh.replace(terms=terms, harmonics=harmonics))
     else:
         draft.drop('coordinate_forces', mesh.name)
-        spec = TransmissionSpec(name=mesh.name, terms=terms, harmonics=harmonics, spring=mesh.spring, damper=mesh.damper)
+        spec = TransmissionSpec(
+            name=mesh.name, terms=terms, harmonics=harmonics, spring=mesh.spring, damper=mesh.damper
+        )
         draft.put('transmissions', spec)
     up, low = draft.placed(column.upper.i).p, draft.placed(column.lower.i).p
     axis = column.near.frame.R[:, 2]
@@ -122,13 +140,18 @@ def _take_column(draft: Draft, column: Column) -> None:
 
 def _turned(axis: np.ndarray, angle: float, v: np.ndarray) -> np.ndarray:
     """The vector turned about a unit axis."""
-    return math.cos(angle) * v + math.sin(angle) * np.cross(axis, v) + (1.0 - math.cos(angle)) * float(product(axis, v)) * axis
+    return (
+        math.cos(angle) * v
+        + math.sin(angle) * np.cross(axis, v)
+        + (1.0 - math.cos(angle)) * float(product(axis, v)) * axis
+    )
 
 
 def _harmonics(draft: Draft, column: Column) -> tuple[tuple[float, float, float, float], float]:
     """(a_2, b_2, a_4, b_4 [rad] of the angle at the far bearing over that at the near one, its sense of rotation).
 
-    A universal joint keeps the pin on its body i perpendicular to the pin on j; the shaft turns about the line of the joint centres.
+    A universal joint keeps the pin on its body i perpendicular to the pin on j; the shaft turns about the line of the
+    joint centres.
     """
     up, low = column.upper, column.lower
     shaft = unit(draft.placed(up.i).p - draft.placed(low.i).p)
@@ -158,7 +181,8 @@ def _harmonics(draft: Draft, column: Column) -> tuple[tuple[float, float, float,
 
 
 def _pins(draft: Draft, joint: JointSpec, body: str) -> tuple[np.ndarray, np.ndarray]:
-    """Directions of the pins of a universal joint in the design position: on the body, on the other one (x of i, y of j)."""
+    """Directions of the pins of a universal joint in the design position: on the body, on the other one (x of i, y of
+    j)."""
     x, y = draft.placed(joint.i).R[:, 0], draft.placed(joint.j).R[:, 1]
     return (x, y) if joint.i.body == body else (y, x)
 

@@ -42,7 +42,8 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 
 def at_arm(stiffness: np.ndarray, R: np.ndarray, arm: np.ndarray) -> np.ndarray:
-    """(3, 3) compliance [m/N] of a point at `arm` from a bushing with these rates along the axes R: displacement by a force there."""
+    """(3, 3) compliance [m/N] of a point at `arm` from a bushing with these rates along the axes R: displacement by a
+    force there."""
     C = product(product(R, np.diag(1.0 / stiffness[:3])), R.T)
     Ct = product(product(R, np.diag(1.0 / stiffness[3:])), R.T)
     L = cross_matrix(arm)
@@ -56,7 +57,8 @@ def solved(C: np.ndarray) -> np.ndarray:
 
 
 def in_series(parts: Sequence[tuple[Law, float]]) -> Law:
-    """The law of elements in series under a common force: extension = sum over parts of share * x, with law(x) = share * force.
+    """The law of elements in series under a common force: extension = sum over parts of share * x, with law(x) = share
+    * force.
 
     share: the component of the line of force along the axis of the part. Knots stay knots, with
     FINER - 1 more between two of them.

@@ -8,8 +8,8 @@
     bars     an anti-roll bar is a spring over the difference of its drop links
     rods     links and arms are massless rods with the stiffness of their bushings in series
 
-What moves on soft rubber stays (engine, subframes), and so do bodies that carry more than their ends. `condensed(model)` is a function of
-a ModelSpec; a mechanism in which no rule finds anything comes back as it is.
+What moves on soft rubber stays (engine, subframes), and so do bodies that carry more than their ends.
+`condensed(model)` is a function of a ModelSpec; a mechanism in which no rule finds anything comes back as it is.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ STIFF = 40.0  # Hz on its mounts, from which on a body that carries no load but 
 
 
 def condensed(model: ModelSpec, *, stiff: float = STIFF) -> tuple[ModelSpec, tuple[str, ...]]:
-    """(a model with fewer bodies, what it does not show in words). stiff: lowest natural frequency of a body that is merged [Hz]."""
+    """(a model with fewer bodies, what it does not show in words). stiff: lowest natural frequency of a body that is
+    merged [Hz]."""
     draft = Draft(model)
     merge_fixed(draft)
     merge_stiff(draft, stiff)
@@ -52,7 +53,9 @@ def condensed(model: ModelSpec, *, stiff: float = STIFF) -> tuple[ModelSpec, tup
 def derive(scene: Scene) -> Derived:
     """The level `condensed` of a scene."""
     model, lost = condensed(scene.model)
-    validity = (Limit(quantity='frequency', unit='Hz', high=30.0, why='links, arms and shafts have no modes of their own'),)
+    validity = (
+        Limit(quantity='frequency', unit='Hz', high=30.0, why='links, arms and shafts have no modes of their own'),
+    )
     report = LevelReport(lost=(*lost, *without_angles(scene.model)), validity=validity)
     derived = dataclasses.replace(scene, model=model, integrator=with_one_iteration(scene.integrator))
     return Derived(scene=derived, level='condensed', report=report)

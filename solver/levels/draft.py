@@ -71,13 +71,15 @@ class Draft:
 
     def model(self) -> ModelSpec:
         """The model as it is now."""
-        return dataclasses.replace(self._given, road=self.road, **{name: tuple(specs.values()) for name, specs in self.sections.items()})
+        return dataclasses.replace(
+            self._given, road=self.road, **{name: tuple(specs.values()) for name, specs in self.sections.items()}
+        )
 
     def lose(self, what: str) -> None:
         """Note, in words, a part or an effect that is not modelled any more."""
         self.lost[what] = None
 
-    # -- parts ---------------------------------------------------------------------------------------------------------
+    # -- parts --------------------------------------------------------------------------------------------------------
 
     @property
     def chassis(self) -> str:
@@ -130,10 +132,11 @@ class Draft:
         return [
             spec.name
             for _, spec in self.every()
-            if coordinate in [name for name, *_ in getattr(spec, 'terms', ())] or getattr(spec, 'coordinate', None) == coordinate
+            if coordinate in [name for name, *_ in getattr(spec, 'terms', ())]
+            or getattr(spec, 'coordinate', None) == coordinate
         ]
 
-    # -- places --------------------------------------------------------------------------------------------------------
+    # -- places -------------------------------------------------------------------------------------------------------
 
     def frame(self, body: str) -> Placement:
         """The reference frame of a body, or the world's."""
@@ -163,15 +166,24 @@ class Draft:
         _, R = self.frame(body)
         return product(product(R, self.bodies[body].inertia_matrix()), R.T)
 
-    # -- changes -------------------------------------------------------------------------------------------------------
+    # -- changes ------------------------------------------------------------------------------------------------------
 
     def set_mass(self, body: str, mass: float, com: np.ndarray, inertia: np.ndarray) -> None:
         """Give a body another mass [kg], centre of mass (3,) [m], and inertia (3, 3) about it [kg m^2]."""
         p, R = self.frame(body)
         J = product(product(R.T, inertia), R)
-        six = (J[0, 0], J[1, 1], J[2, 2], 0.5 * (J[0, 1] + J[1, 0]), 0.5 * (J[0, 2] + J[2, 0]), 0.5 * (J[1, 2] + J[2, 1]))
+        six = (
+            J[0, 0],
+            J[1, 1],
+            J[2, 2],
+            0.5 * (J[0, 1] + J[1, 0]),
+            0.5 * (J[0, 2] + J[2, 0]),
+            0.5 * (J[1, 2] + J[2, 1]),
+        )
         spec = self.bodies[body]
-        self.put('bodies', spec.replace(mass=mass, com=three(product(R.T, com - p)), inertia=tuple(float(x) for x in six)))
+        self.put(
+            'bodies', spec.replace(mass=mass, com=three(product(R.T, com - p)), inertia=tuple(float(x) for x in six))
+        )
 
     def add_mass(self, body: str, mass: float, com: np.ndarray, inertia: np.ndarray) -> None:
         """Add a rigid mass [kg], with its centre of mass [m] and its inertia about that [kg m^2], to a body. The world
@@ -181,7 +193,9 @@ class Draft:
         own, at = self.bodies[body].mass, self.com(body)
         total = own + mass
         middle = at if total == 0.0 else (own * at + mass * com) / total
-        self.set_mass(body, total, middle, self.inertia(body) + inertia + spread(own, at - middle) + spread(mass, com - middle))
+        self.set_mass(
+            body, total, middle, self.inertia(body) + inertia + spread(own, at - middle) + spread(mass, com - middle)
+        )
 
     def add_inertia(self, body: str, inertia: np.ndarray, of: str) -> None:
         """Add an inertia (3, 3) [kg m^2], which may be negative, of a removed part.
@@ -235,7 +249,9 @@ class Draft:
             self.add_mass(into, self.bodies[body].mass, self.com(body), self.inertia(body))
         self.drop('bodies', body)
 
-    def share(self, body: str, near: str, a: np.ndarray, far: str, b: np.ndarray, about: np.ndarray | None = None) -> None:
+    def share(
+        self, body: str, near: str, a: np.ndarray, far: str, b: np.ndarray, about: np.ndarray | None = None
+    ) -> None:
         """Remove a body and divide its mass between the bodies at its two ends: `near`, at the place a, and `far`, at
         b.
 

@@ -1,11 +1,12 @@
 """The error sheet of a level: six maneuvers of a vehicle at the level and as a whole, side by side.
 
-    step steer at 0.4 g, sine with dwell at three times the reference angle [ISO19365], swept sine 0.2 to 2 Hz at 0.3 g, all at 80 km/h;
-    braking with 0.5 g from 100 km/h; pulling with 0.2 g from 50 km/h, unless pedal and gear drive the vehicle; a road of 2 m wavelength,
-    5 mm high, left and right alike, at 20 m/s
+    step steer at 0.4 g, sine with dwell at three times the reference angle [ISO19365], swept sine 0.2 to 2 Hz at 0.3 g,
+    all at 80 km/h; braking with 0.5 g from 100 km/h; pulling with 0.2 g from 50 km/h, unless pedal and gear drive the
+    vehicle; a road of 2 m wavelength, 5 mm high, left and right alike, at 20 m/s
 
-Angles of the steering wheel follow from a slow ramp of the whole vehicle (13.5 deg/s at 80 km/h, as ISO 19365 asks for): the reference
-angle is that at 0.3 g. Speeds, times and lengths are those of passenger cars and grow with the vehicle (solver.vehicle.size).
+Angles of the steering wheel follow from a slow ramp of the whole vehicle (13.5 deg/s at 80 km/h, as ISO 19365 asks
+for): the reference angle is that at 0.3 g. Speeds, times and lengths are those of passenger cars and grow with the
+vehicle (solver.vehicle.size).
 
 Errors are root mean squares and largest differences over the run, in parts of the peak of the whole vehicle; of
 the wheels that with the largest is shown. A quantity that a level does not publish has no figure.
@@ -60,13 +61,19 @@ class Course(NamedTuple):
 
 
 def course_scene(
-    model: ModelSpec, course: Course, fidelity: Fidelity, switches: Mapping[str, Literal['on', 'off']] = NO_SWITCHES, h: float | None = None
+    model: ModelSpec,
+    course: Course,
+    fidelity: Fidelity,
+    switches: Mapping[str, Literal['on', 'off']] = NO_SWITCHES,
+    h: float | None = None,
 ) -> Scene:
     """The scene of a course; h [s]: None for that of the sheet."""
     h = step_of(model) if h is None else h
     return Scene(
-        name=course.name, model=dataclasses.replace(model, road=course.road), maneuver=course.maneuver, duration=course.duration,
-        start=StartSettings(kind='equilibrium', speed=course.speed), integrator=IntegratorSettings(h=h, iterations=2), fidelity=fidelity,
+        name=course.name, model=dataclasses.replace(model, road=course.road), maneuver=course.maneuver,
+        duration=course.duration,
+        start=StartSettings(kind='equilibrium', speed=course.speed), integrator=IntegratorSettings(h=h, iterations=2),
+        fidelity=fidelity,
         switches=dict(switches),
     )  # fmt: skip
 
@@ -77,7 +84,8 @@ def step_of(model: ModelSpec) -> float:
 
 
 def angles(model: ModelSpec, accelerations: tuple[float, ...]) -> list[float]:
-    """Angles of the steering wheel [rad] at lateral accelerations [m/s^2], from a slow ramp of the whole vehicle at SPEED."""
+    """Angles of the steering wheel [rad] at lateral accelerations [m/s^2], from a slow ramp of the whole vehicle at
+    SPEED."""
     t = size_of(model).time
     slower = min(1.0, gear_of(model) / DIRECT) / t
     ramp = Course('slow ramp', SPEED * t, Maneuver(steering=Ramp(slope=RAMP * slower, start=0.5 * t)), 8.0 * t)
@@ -113,7 +121,11 @@ def courses(model: ModelSpec) -> tuple[Course, ...]:
     ]
     road = RoadSpec(
         grids=(
-            HeightGrid(origin=(-10.0 * length, -10.0 * length), step=(0.05 * length, 20.0 * length), height=tuple((z, z) for z in wave)),
+            HeightGrid(
+                origin=(-10.0 * length, -10.0 * length),
+                step=(0.05 * length, 20.0 * length),
+                height=tuple((z, z) for z in wave),
+            ),
         )
     )
     pull = Course(
@@ -123,16 +135,19 @@ def courses(model: ModelSpec) -> tuple[Course, ...]:
         5.0 * t,
     )
     return (
-        Course('step steer 0.4 g', SPEED * t, Maneuver(steering=Step(value=step, start=rest, rise=0.15 * t), drive_torque=0.0), 5.0 * t),
+        Course('step steer 0.4 g', SPEED * t,
+        Maneuver(steering=Step(value=step, start=rest, rise=0.15 * t), drive_torque=0.0), 5.0 * t),
         Course('sine with dwell 3 A', SPEED * t, Maneuver(steering=dwell(3.0 * reference, rest, t)), 5.0 * t),
         Course(
             'swept sine 0.3 g', SPEED * t,
-            Maneuver(steering=Sweep(amplitude=reference, frequency=0.2 / t, final_frequency=2.0 / t, duration=14.0 * t, start=rest)),
+            Maneuver(steering=Sweep(amplitude=reference, frequency=0.2 / t, final_frequency=2.0 / t, duration=14.0 * t,
+            start=rest)),
             15.5 * t,
         ),
         Course(
             'braking 0.5 g', 100.0 / 3.6 * t,
-            Maneuver(brake_torque=Step(value=0.5 * MODEL_GRAVITY * mass * 0.95 * radius, start=rest, rise=0.3 * t)), 5.0 * t,
+            Maneuver(brake_torque=Step(value=0.5 * MODEL_GRAVITY * mass * 0.95 * radius, start=rest, rise=0.3 * t)),
+            5.0 * t,
         ),
         *((pull,) if 'drive_torque' in model.inputs else ()),
         Course('road of 2 m', ROAD_SPEED * t, Maneuver(), 4.0 * t, road),
@@ -140,14 +155,17 @@ def courses(model: ModelSpec) -> tuple[Course, ...]:
 
 
 def shown(simulation: Simulation, course: Course, h: float) -> dict[str, np.ndarray]:
-    """Quantity -> its values at the samples of a course (n, components) of steps h [s], of those the simulation publishes."""
+    """Quantity -> its values at the samples of a course (n, components) of steps h [s], of those the simulation
+    publishes."""
     rows = np.array([simulation.advance(EVERY).numbers for _ in range(round(course.duration / (h * EVERY)))])
     there = names(simulation.channels)
     wanted = [name for name in there if name in OF_BODY or name.partition('.')[0] in BY_WHEEL]
     return {name: (q := quantity(name, simulation.channels)).of(rows[:, q.places]) for name in wanted}
 
 
-def compared(model: ModelSpec, course: str, ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray]) -> list[ErrorFigure]:
+def compared(
+    model: ModelSpec, course: str, ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray]
+) -> list[ErrorFigure]:
     """Figures of every quantity that both have and that moves in the course; of those of the wheels the worst."""
     channels, size, h = published(model), size_of(model), step_of(model)
     worst: dict[str, ErrorFigure] = {}
@@ -159,7 +177,12 @@ def compared(model: ModelSpec, course: str, ours: dict[str, np.ndarray], theirs:
         found = departure(q, time_, ours[name], reference)
         shown_as = name.partition('.')[0]
         figure = ErrorFigure(
-            maneuver=course, quantity=shown_as, rms=found.share('rms'), largest=found.share('max'), peak=found.peak, unit=q.unit
+            maneuver=course,
+            quantity=shown_as,
+            rms=found.share('rms'),
+            largest=found.share('max'),
+            peak=found.peak,
+            unit=q.unit,
         )
         if shown_as not in worst or figure.rms > worst[shown_as].rms:
             worst[shown_as] = figure
@@ -187,4 +210,7 @@ def error_sheet(
             found += compared(bare, course.name, ours, whole)
         return [dataclasses.asdict(figure) for figure in found]
 
-    return tuple(ErrorFigure(**figure) for figure in derived(f'errors-{fidelity}', repr((bare, sorted(switches.items()))), measure))
+    return tuple(
+        ErrorFigure(**figure)
+        for figure in derived(f'errors-{fidelity}', repr((bare, sorted(switches.items()))), measure)
+    )

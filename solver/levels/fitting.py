@@ -18,7 +18,8 @@ def each(function: Callable[..., float], *arguments: np.ndarray) -> np.ndarray:
 
 
 def fitted(columns: list[np.ndarray], right: np.ndarray) -> np.ndarray:
-    """Coefficients x of the least squares of sum columns x = right, by the normal equations of columns of unit length."""
+    """Coefficients x of the least squares of sum columns x = right, by the normal equations of columns of unit
+    length."""
     A = np.stack(columns, axis=1)
     size = np.sqrt(np.add.reduce(A * A, axis=0))
     A = A / size
@@ -27,7 +28,8 @@ def fitted(columns: list[np.ndarray], right: np.ndarray) -> np.ndarray:
 
 
 def least_squares(residual: Callable[[np.ndarray], np.ndarray], x: np.ndarray, *, most: int = 40) -> np.ndarray:
-    """x of the smallest sum of squares of residual(x), near the start x: Levenberg-Marquardt with forward differences of 1e-4.
+    """x of the smallest sum of squares of residual(x), near the start x: Levenberg-Marquardt with forward differences
+    of 1e-4.
 
     All of x should be of order one. Source: Nocedal and Wright, Numerical Optimization, 10.3.
     """

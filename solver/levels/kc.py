@@ -79,9 +79,18 @@ LOST = (
     'inertia of links and leaf springs in compliance: what moves with the travel loads it, the rest is in the chassis',
     'different speeds of propeller shaft and gears: their inertia turns with both driven wheels in equal shares',
 )
-ROLL = Limit(quantity='roll', unit='rad', low=-0.5, high=0.5, why='a car that rolls over falls on parts that this level does not have')
+ROLL = Limit(
+    quantity='roll',
+    unit='rad',
+    low=-0.5,
+    high=0.5,
+    why='a car that rolls over falls on parts that this level does not have',
+)
 FREQUENCY = Limit(  # of a passenger car
-    quantity='frequency', unit='Hz', high=FASTEST, why='engine and subframes do not vibrate; compared up to waves of 2 m at 20 m/s'
+    quantity='frequency',
+    unit='Hz',
+    high=FASTEST,
+    why='engine and subframes do not vibrate; compared up to waves of 2 m at 20 m/s',
 )
 
 
@@ -109,7 +118,15 @@ def _lateral(spec: ModelSpec) -> tuple[Limit, ...]:
     """(limit of the lateral acceleration), or () for a car without bushings, whose compliance is zero."""
     if not spec.bushings:
         return ()
-    return (Limit(quantity='lateral_acceleration', unit='m/s^2', low=-9.0, high=9.0, why='compliance is that of moderate loads'),)
+    return (
+        Limit(
+            quantity='lateral_acceleration',
+            unit='m/s^2',
+            low=-9.0,
+            high=9.0,
+            why='compliance is that of moderate loads',
+        ),
+    )
 
 
 def kc_model(spec: ModelSpec) -> ModelSpec:
@@ -129,7 +146,9 @@ def _require_car(spec: ModelSpec) -> None:
     refuse_trailer(spec)
     refuse_locked(spec)
     if TORQUE in spec.inputs:
-        raise SpecError('actuation.steering is torque, and this level is measured with a held steering wheel; use condensed or full')
+        raise SpecError(
+            'actuation.steering is torque, and this level is measured with a held steering wheel; use condensed or full'
+        )
     if {tire.name for tire in spec.tires} != set(CORNERS):
         raise SpecError('a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full')
     names = {c.name for c in spec.coordinates} | {joint.name for joint in spec.joints}
@@ -169,7 +188,12 @@ class _Reduction:
         turned = [flywheels(self.chassis, c, self.centers[c], wheels[c], self.data[c]) for c in CORNERS]
         added = [part for parts in turned for part in parts]
         beams = [
-            beam(f'bounce_{axle}', masses[axle].shared, self.chassis, [(wheels[c], self.centers[c]) for c in CORNERS if c.startswith(axle)])
+            beam(
+                f'bounce_{axle}',
+                masses[axle].shared,
+                self.chassis,
+                [(wheels[c], self.centers[c]) for c in CORNERS if c.startswith(axle)],
+            )
             for axle in AXLES
             if masses[axle].shared
         ]
@@ -181,7 +205,11 @@ class _Reduction:
             couplers=(*couplers, *(gear for _, _, gear in added), *(one.coupler for one in beams)),
             coordinates=(*coordinates, *(coordinate for one in beams for coordinate in one.coordinates)),
             guides=tuple(self._guide(axle, wheels, masses[axle].shared, couplers) for axle in AXLES),
-            coordinate_forces=(*self._drives(), *self._held({joint.name for joint in joints}), *(gear.forces if gear else ())),
+            coordinate_forces=(
+                *self._drives(),
+                *self._held({joint.name for joint in joints}),
+                *(gear.forces if gear else ()),
+            ),
             servos=() if gear is None else (gear.servo,),
             **{kind: getattr(engine, kind) for kind in KINDS},
             tires=self.spec.tires,
@@ -203,11 +231,15 @@ class _Reduction:
                 continue
             for element in getattr(self.spec, kind.name):
                 where = [
-                    getattr(element, name).body for name in ('marker', 'reaction', 'i', 'j') if getattr(element, name, None) is not None
+                    getattr(element, name).body
+                    for name in ('marker', 'reaction', 'i', 'j')
+                    if getattr(element, name, None) is not None
                 ]
                 missing = [body for body in where if body not in (self.chassis.name, WORLD)]
                 if missing:
-                    raise SpecError(f'{element.where}: acts on {missing[0]!r}, which this level does not have; use full')
+                    raise SpecError(
+                        f'{element.where}: acts on {missing[0]!r}, which this level does not have; use full'
+                    )
             found[kind.name] = getattr(self.spec, kind.name)
         return found
 
@@ -244,7 +276,9 @@ class _Reduction:
         wheel, across = self.bodies[self.tires[corner].marker.body], self._across(corner)
         spin = spin_of(wheel, across, self.data[corner])
         inertia = (across, spin, across, 0.0, 0.0, 0.0)
-        return RigidBodySpec(name=wheel.name, mass=mass, inertia=inertia, position=wheel.position, orientation=wheel.orientation)
+        return RigidBodySpec(
+            name=wheel.name, mass=mass, inertia=inertia, position=wheel.position, orientation=wheel.orientation
+        )
 
     def _slopes(self, corner: str) -> np.ndarray:
         """(5,) slopes of the maps of a wheel over its own travel, in the design position."""
@@ -255,7 +289,9 @@ class _Reduction:
         along = (
             shape[:, 0]
             if columns == 1
-            else np.add.reduce(shape[:, columns // 2 - 1 : columns // 2 + 2] * np.array([1.0, 4.0, 1.0])[:, None] / 6.0, axis=1)
+            else np.add.reduce(
+                shape[:, columns // 2 - 1 : columns // 2 + 2] * np.array([1.0, 4.0, 1.0])[:, None] / 6.0, axis=1
+            )
         )
         i, step = (maps.MAP_TRAVEL + 2) // 2, 2.0 * self.data['travel'] / (maps.MAP_TRAVEL - 1)
         return (along[i + 1] - along[i - 1]) / (2.0 * step)
@@ -298,19 +334,30 @@ class _Reduction:
     def _travel(self, corner: str, wheel: RigidBodySpec) -> CoordinateSpec:
         """Coordinate of the travel of a wheel relative to the chassis, upwards."""
         at = tuple(float(c) for c in self.centers[corner])
-        return CoordinateSpec(name=f'travel_{corner}', kind='translation', i=marker_at(self.chassis, at, UP), j=marker_at(wheel, at, UP))
+        return CoordinateSpec(
+            name=f'travel_{corner}', kind='translation', i=marker_at(self.chassis, at, UP), j=marker_at(wheel, at, UP)
+        )
 
-    def _guide(self, axle: str, wheels: dict[str, RigidBodySpec], shared: float, couplers: tuple[Any, ...]) -> GuideSpec:
+    def _guide(
+        self, axle: str, wheels: dict[str, RigidBodySpec], shared: float, couplers: tuple[Any, ...]
+    ) -> GuideSpec:
         """The guide of an axle. shared: mass of both wheels together [kg]. Raises SpecError for brakes or drives it
         cannot have."""
         data = self.data[axle]
         corners = [f'{axle}_{side}' for side in SIDES]
         brakes = {b.coordinate: b for b in self.spec.brakes}
         own = [brakes.get(f'wheel_{c}') for c in corners]
-        if None in own or own[0].input != own[1].input or own[0].stiffness != own[1].stiffness or own[0].damping != own[1].damping:  # type: ignore[union-attr]
+        if (
+            None in own
+            or own[0].input != own[1].input  # type: ignore[union-attr]
+            or own[0].stiffness != own[1].stiffness  # type: ignore[union-attr]
+            or own[0].damping != own[1].damping  # type: ignore[union-attr]
+        ):
             raise SpecError(f'both wheels of the {axle} axle need equal brakes on one input; use full')
         if any(b.own_input is not None for b in own):  # type: ignore[union-attr]
-            raise SpecError('brakes of single wheels are beyond this level; remove actuation.wheels, or use condensed or full')
+            raise SpecError(
+                'brakes of single wheels are beyond this level; remove actuation.wheels, or use condensed or full'
+            )
         C = np.array(data['compliance'])
         fastest = 2.0 * math.pi * maps.STIFFEST / self.size.time
         C += np.diag([1.0 / (x * fastest**2) for c in corners for x in self._inertias(wheels[c])])
@@ -322,15 +369,23 @@ class _Reduction:
         reach = self.data['travel']
         fine = np.linspace(-reach, reach, maps.FORCE_TRAVEL)
         weight = -self.spec.gravity[2]
-        springs = [spring_law(fine, np.array(data['loads'][k]) - weight * (wheels[c].mass + 0.5 * shared)) for k, c in enumerate(corners)]
+        springs = [
+            spring_law(fine, np.array(data['loads'][k]) - weight * (wheels[c].mass + 0.5 * shared))
+            for k, c in enumerate(corners)
+        ]
         laws, ratios, crossings, mounts, yields = zip(*(self._damper(data, k) for k in range(2)), strict=True)
         steered = data['steered']
         if steered and not couplers:
-            raise SpecError(f'the {axle} axle is steered, but no coupler with an input turns a steering wheel; use full')
+            raise SpecError(
+                f'the {axle} axle is steered, but no coupler with an input turns a steering wheel; use full'
+            )
         travel = (-reach, 2.0 * reach / (maps.MAP_TRAVEL - 1), maps.MAP_TRAVEL)
         turned = self.data['steering']
         steering = (-turned, 2.0 * turned / (maps.MAP_STEERING - 1), maps.MAP_STEERING) if steered else (0.0, 1.0, 1)
-        at = [vector_of(product(matrix(self.chassis.orientation).T, self.centers[c] - self.chassis.position)) for c in corners]
+        at = [
+            vector_of(product(matrix(self.chassis.orientation).T, self.centers[c] - self.chassis.position))
+            for c in corners
+        ]
         axes = [vector_of(matrix(self.tires[c].marker.orientation)[:, 1]) for c in corners]
         stiffness = own[0].stiffness  # type: ignore[union-attr]
         drives = on_carriers(self.spec, axle)
@@ -340,14 +395,17 @@ class _Reduction:
         return GuideSpec(
             name=axle, chassis=self.chassis.name, left=wheels[corners[0]].name, right=wheels[corners[1]].name,
             centers=(at[0], at[1]), axes=(axes[0], axes[1]), travel=travel, steering=steering,
-            shape=tuple(data['shape']), opposite=tuple(data['opposite']), coordinate=self._turn(axle, couplers) if steered else None,
+            shape=tuple(data['shape']), opposite=tuple(data['opposite']),
+            coordinate=self._turn(axle, couplers) if steered else None,
             stiffness=tuple(K.ravel().tolist()), lag=LAG * self.size.time, windup=tuple(windup.ravel().tolist()),
             springs=(springs[0], springs[1]), coupling=tuple(data['coupling']),
             jacking=tuple(data['jacking']) if gear else (0.0,) * 6, gear=gear or (None, None),
-            dampers=laws, ratios=tuple(x for ratio in ratios for x in ratio), crossings=crossings, mounts=mounts, yields=yields,
+            dampers=laws, ratios=tuple(x for ratio in ratios for x in ratio), crossings=crossings, mounts=mounts,
+            yields=yields,
             wheels=(f'wheel_{corners[0]}', f'wheel_{corners[1]}'), input=own[0].input,  # type: ignore[union-attr]
             shares=(own[0].gain, own[1].gain),  # type: ignore[union-attr]
             brake_stiffness=1.0 / (1.0 / stiffness + max(float(left.mean()), 0.0)), brake_damping=own[0].damping,  # type: ignore[union-attr]
+
             drive=drives[0].input if drives else None,
             drives=tuple((*_factors(d, corners), d.input_gain, d.top_rate or 0.0) for d in drives),
         )  # fmt: skip
@@ -359,7 +417,11 @@ class _Reduction:
 
     def _gear(self) -> tuple[Law, Law | None]:
         """(spring, damper) laws of the steering, about the rotation that the front guide follows."""
-        return (steering_springs(self.data['gear'], self.data['steering']), None) if self.assisted is None else self.assisted.gear
+        return (
+            (steering_springs(self.data['gear'], self.data['steering']), None)
+            if self.assisted is None
+            else self.assisted.gear
+        )
 
     @staticmethod
     def _inertias(wheel: RigidBodySpec) -> tuple[float, float, float, float]:
@@ -393,7 +455,9 @@ class _Reduction:
     def _dampers(self, data: dict[str, Any], side: int) -> list[Any]:
         """Keys of the dampers that move with a wheel, the one with the largest travel first."""
         moves = data['dampers'][side]
-        return sorted((k for k in moves if self.spec.spring_dampers[int(k)].damper is not None), key=lambda k: -abs(moves[k][0]))
+        return sorted(
+            (k for k in moves if self.spec.spring_dampers[int(k)].damper is not None), key=lambda k: -abs(moves[k][0])
+        )
 
     def _drives(self) -> tuple[CoordinateForceSpec, ...]:
         """Drive torques and limited-slip forces, between the wheels and the chassis or the carriers. Raises
@@ -426,7 +490,8 @@ def _factors(force: CoordinateForceSpec, corners: list[str]) -> tuple[float, flo
 
 
 def _sums(bodies: tuple[RigidBodySpec, ...]) -> tuple[float, np.ndarray, np.ndarray]:
-    """(mass [kg], first moment [kg m], inertia about the origin of the design frame [kg m^2]) of bodies in the design position."""
+    """(mass [kg], first moment [kg m], inertia about the origin of the design frame [kg m^2]) of bodies in the design
+    position."""
     mass, moment, inertia = 0.0, np.zeros(3), np.zeros((3, 3))
     for body in bodies:
         R = matrix(body.orientation)

@@ -9,7 +9,8 @@ from solver.scene import Scene
 from solver.vehicle.hardpoints import SIDES
 from solver.vehicle.size import size_of
 
-LOADED = 0.03  # m off the design position: nearer to it the figures of the bench, which are those of the design position, hold too
+# m off the design position: nearer to it the figures of the bench, which are those of the design position, hold too
+LOADED = 0.03
 
 
 def loaded_position(spec: ModelSpec) -> dict[str, float]:

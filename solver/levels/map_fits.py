@@ -19,8 +19,8 @@ def least_squares(A: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def spline(values: np.ndarray) -> np.ndarray:
-    """(n + 2, ...) coefficients of the cubic B-spline through values (n, ...) at equidistant nodes; at both ends the third derivative is
-    continuous at the second node."""
+    """(n + 2, ...) coefficients of the cubic B-spline through values (n, ...) at equidistant nodes; at both ends the
+    third derivative is continuous at the second node."""
     n = len(values)
     A = np.zeros((n + 2, n + 2))
     for i in range(n):

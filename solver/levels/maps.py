@@ -1,15 +1,18 @@
 """Maps of the axles of a vehicle, measured on the bench: the numbers of guides (solver.elements.guide) and of their
 wheels.
 
-The bench (solver.analysis.kinematics_and_compliance) holds the chassis of the full model in its design position. Measured are
+The bench (solver.analysis.kinematics_and_compliance) holds the chassis of the full model in its design position.
+Measured are
 
-- both wheels of an axle at travels and angles of the steering wheel up to RANGES to either side: the maps over travel and steering;
-- one wheel alone, the other one held: the force of springs, stops and anti-roll bar over either travel, the change of the maps by the
-  travel of the other wheel, and the lengths of the dampers; by both, in opposite directions and steered, how steering changes that;
-  of a loaded vehicle the same about where it stands (solver.levels.other_wheel);
+- both wheels of an axle at travels and angles of the steering wheel up to RANGES to either side: the maps over travel
+and steering;
+- one wheel alone, the other one held: the force of springs, stops and anti-roll bar over either travel, the change of
+  the maps by the travel of the other wheel, and the lengths of the dampers; by both, in opposite directions and
+  steered, how steering changes that; of a loaded vehicle the same about where it stands (solver.levels.other_wheel);
 - a pull of the dampers with travels and steering held: the stiffness of their mounts;
-- loads at the wheel centres with travels (those of a loaded vehicle that stands) and steering held: the compliance, gear and subframe
-  included; and by the difference of all bodies' places the masses that move with a wheel and the inertia that turns with it.
+- loads at the wheel centres with travels (those of a loaded vehicle that stands) and steering held: the compliance,
+  gear and subframe included; and by the difference of all bodies' places the masses that move with a wheel and the
+  inertia that turns with it.
 
 Travels, loads and the lengths below are those of passenger cars and grow with the vehicle (solver.vehicle.size).
 
@@ -38,38 +41,45 @@ from solver.model.spec import ModelSpec
 from solver.vehicle.hardpoints import SIDES
 from solver.vehicle.size import size_of
 
-# ranges of the maps to either side, the first that is reached: travel [m], steering wheel [rad]; the last one is that of a racing car
+# ranges of the maps to either side, the first that is reached: travel [m], steering wheel [rad]; the last one is that
+# of a racing car
 RANGES = ((0.10, 8.0), (0.09, 8.0), (0.08, 8.0), (0.07, 8.0), (0.03, 2.0))
-TRAVELS, TURNED = (0.10, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02), 0.42  # m and rad of the road wheels: of a car that reaches none of these
+# m and rad of the road wheels: of a car that reaches none of these
+TRAVELS, TURNED = (0.10, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02), 0.42
 ROLL = 0.06  # of both wheels in opposite directions [m]
 ROLLED, STEERED = 1, 4  # nodes from the middle, of travels in opposite directions where the axle is steered too
 MAP_TRAVEL, MAP_STEERING, FORCE_TRAVEL = 11, 33, 41  # nodes
-LOADS = {'cx': 2000.0, 'cy': 2000.0, 'mz': 100.0, 'mx': 600.0, 'my': 600.0}  # [N], [N m]: of a tire under 2 kN along or across
+# [N], [N m]: of a tire under 2 kN along or across
+LOADS = {'cx': 2000.0, 'cy': 2000.0, 'mz': 100.0, 'mx': 600.0, 'my': 600.0}
 STEP = 1e-3  # of travels and spins, for masses [m], [rad]
-STIFFEST = 3000.0  # Hz; a guide gives at least as much as lets its wheel vibrate so: rigid links have no stiffness to measure
+# Hz; a guide gives at least as much as lets its wheel vibrate so: rigid links have no stiffness to measure
+STIFFEST = 3000.0
 PULL, RIGID = 500.0, 3e7  # of the dampers [N]; a mount that is stiffer is none [N/m]
 SAME = 1e-6  # m and rad, of an equilibrium found again
-ENOUGH = 3 * 5  # measured changes by the other wheel for a cubic: below five travels, which stiff springs leave, there is a quadratic
+# measured changes by the other wheel for a cubic: below five travels, which stiff springs leave, there is a quadratic
+ENOUGH = 3 * 5
 POWERS = 5  # of the polynomial that is the slope of a damper's length
 
 
 def require_return(bench: Bench, rest: Stand) -> None:
-    """Raises ConsistencyError unless the design position has the equilibrium that it had: what stands on soft rubber may have another one,
-    and from far away the bench may have come to that."""
+    """Raises ConsistencyError unless the design position has the equilibrium that it had: what stands on soft rubber
+    may have another one, and from far away the bench may have come to that."""
     back = bench.stand()
     if max(np.abs(back.x[c] - rest.x[c]).max() for c in CORNERS) > SAME * max(1.0, bench.size.length):
         raise ConsistencyError(
-            'the bench of the level kc found another equilibrium of the vehicle after its travels than before; use condensed or full'
+            'the bench of the level kc found another equilibrium of the vehicle after its travels than before; use '
+            'condensed or full'
         )
 
 
 def measured(spec: ModelSpec, progress: Callable[[float], None] = lambda done: None) -> dict[str, Any]:
-    """Everything that the level kc needs to know of a vehicle, as lists and numbers: by axle the fields of a GuideSpec that are measured,
-    by corner the mass that moves with 'travel', that between it and the travel of the wheel 'beside' [kg], the inertia that turns with
-    'spin' and its angular 'momentum' at a unit spin [kg m^2]; 'travel', 'steering': the range of the maps [m], [rad]; 'coordinates': by
-    name their slopes over the spins of the corners; 'gear': 'inertia' [kg m^2] that turns with the steering wheel besides itself and the
-    wheels with their carriers, 'lengths': by index of a damper without a spring its slope over that turn [m/rad], 'torque': that holds the
-    steering wheel over the steering angles [N m].
+    """Everything that the level kc needs to know of a vehicle, as lists and numbers: by axle the fields of a GuideSpec
+    that are measured, by corner the mass that moves with 'travel', that between it and the travel of the wheel 'beside'
+    [kg], the inertia that turns with 'spin' and its angular 'momentum' at a unit spin [kg m^2]; 'travel', 'steering':
+    the range of the maps [m], [rad]; 'coordinates': by name their slopes over the spins of the corners; 'gear':
+    'inertia' [kg m^2] that turns with the steering wheel besides itself and the wheels with their carriers, 'lengths':
+    by index of a damper without a spring its slope over that turn [m/rad], 'torque': that holds the steering wheel over
+    the steering angles [N m].
     """
     every = [(travel * size_of(spec).length, turned) for travel, turned in RANGES]
     for reach in every:
@@ -83,8 +93,8 @@ def measured(spec: ModelSpec, progress: Callable[[float], None] = lambda done: N
 
 
 def _own_ranges(spec: ModelSpec) -> list[tuple[float, float]]:
-    """(travel [m], angle of the steering wheel [rad]) for a vehicle whose gear is so direct, or whose springs are so short, that it reaches
-    none of RANGES: its steering wheel turns as far as its road wheels do by TURNED."""
+    """(travel [m], angle of the steering wheel [rad]) for a vehicle whose gear is so direct, or whose springs are so
+    short, that it reaches none of RANGES: its steering wheel turns as far as its road wheels do by TURNED."""
     rig, steering = Rig(spec), RANGES[-1][1]
     if 'steering' in rig.inputs:
         steers = rig.steering([-STEP, STEP])
@@ -94,7 +104,8 @@ def _own_ranges(spec: ModelSpec) -> list[tuple[float, float]]:
 
 
 def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[[float], None]) -> dict[str, Any]:
-    """The same with maps up to `travel` [m] and `turned` [rad]. Raises ConsistencyError where a place is not reached."""
+    """The same with maps up to `travel` [m] and `turned` [rad]. Raises ConsistencyError where a place is not
+    reached."""
     bench = Bench(spec)
     axles = {axle: (f'{axle}_left', f'{axle}_right') for axle in ('front', 'rear')}
     rest = bench.stand()
@@ -123,14 +134,19 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
     apart = _steered_apart(bench, z, steering, grid, against)
     alone = {corner: [bench.stand(**{f'travel_{corner}': float(v)}) for v in fine] for corner in CORNERS}
     loaded = loaded_position(spec)
-    leant = {axle: where_it_stands(bench, fine, alone, corners, loaded.get(f'travel_{corners[0]}')) for axle, corners in axles.items()}
+    leant = {
+        axle: where_it_stands(bench, fine, alone, corners, loaded.get(f'travel_{corners[0]}'))
+        for axle, corners in axles.items()
+    }
     require_return(bench, rest)
     progress(0.9)
     try:
         compliance, mounts, masses = _compliance(bench, loaded), _mounts(spec, rest), _masses(bench, rest)
         turning, gear = _driven(bench), _gear(bench)
     except ConsistencyError as error:  # that is the same within any range
-        raise SpecError(f'the bench finds no equilibrium of the vehicle under loads at its wheels ({error}); use full') from error
+        raise SpecError(
+            f'the bench finds no equilibrium of the vehicle under loads at its wheels ({error}); use full'
+        ) from error
     result: dict[str, Any] = {
         'coordinates': turning,
         'gear': gear | {'torque': torque.tolist()},
@@ -138,7 +154,9 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
         'steering': turned,
     }
     for a, (axle, corners) in enumerate(axles.items()):
-        steered = bool(np.abs(grid[a, :, :, :, 2] - grid[a, :, :, MAP_STEERING // 2 : MAP_STEERING // 2 + 1, 2]).max() > 1e-3)
+        steered = bool(
+            np.abs(grid[a, :, :, :, 2] - grid[a, :, :, MAP_STEERING // 2 : MAP_STEERING // 2 + 1, 2]).max() > 1e-3
+        )
         found = _axle(corners, z, steering, grid[a], against[a], apart[a], fine, alone, steered, leant[axle])
         result[axle] = found | compliance[axle] | {'mounts': mounts}
     for corner in CORNERS:
@@ -147,15 +165,20 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
     return result
 
 
-def _steered_apart(bench: Bench, z: np.ndarray, steering: np.ndarray, grid: np.ndarray, against: np.ndarray) -> np.ndarray:
-    """(2, 2, 5) over axle, side: b_6, what the travel of the other wheel adds to the slopes over the steering. With both at the same travel
-    it is part of the slopes of the grid, so at the opposite one they differ from those by twice as much."""
+def _steered_apart(
+    bench: Bench, z: np.ndarray, steering: np.ndarray, grid: np.ndarray, against: np.ndarray
+) -> np.ndarray:
+    """(2, 2, 5) over axle, side: b_6, what the travel of the other wheel adds to the slopes over the steering. With
+    both at the same travel it is part of the slopes of the grid, so at the opposite one they differ from those by twice
+    as much."""
     found = np.zeros((2, 2, len(QUANTITIES)))
     n, middle = len(z) // 2, len(steering) // 2
     for up in (-ROLLED, ROLLED):
         for turn in (-STEERED, STEERED):
             angle = float(steering[middle + turn])
-            s = bench.stand(steering=angle, **{f'travel_{c}': SIDES[c.partition('_')[2]] * float(z[n + up]) for c in CORNERS})
+            s = bench.stand(
+                steering=angle, **{f'travel_{c}': SIDES[c.partition('_')[2]] * float(z[n + up]) for c in CORNERS}
+            )
             for a, axle in enumerate(('front', 'rear')):
                 for k, (side, sign) in enumerate(SIDES.items()):
                     i = n + round(sign) * up
@@ -176,15 +199,21 @@ def _axle(
     steered: bool,
     leant: Sequence[OtherWheel] = NO_INFLUENCE,
 ) -> dict[str, Any]:
-    """Maps, springs and dampers of an axle; grid (2, travel, steering, 5) with both wheels at the same travel, against (2, travel, 5) with
-    the other wheel at the opposite one, apart (2, 5) of _steered_apart(), leant by wheel what the other one does to it where it stands."""
+    """Maps, springs and dampers of an axle; grid (2, travel, steering, 5) with both wheels at the same travel, against
+    (2, travel, 5) with the other wheel at the opposite one, apart (2, 5) of _steered_apart(), leant by wheel what the
+    other one does to it where it stands."""
     middle = grid.shape[2] // 2
     every = (len(fine) - 1) // (len(z) - 1)
     loads = [np.array([s.load[corner] for s in alone[corner]]) for corner in corners]
     usual = np.all(
-        [(FITTED_LOADS[0] * load[len(load) // 2] <= load) & (load <= FITTED_LOADS[1] * load[len(load) // 2]) for load in loads], axis=0
+        [
+            (FITTED_LOADS[0] * load[len(load) // 2] <= load) & (load <= FITTED_LOADS[1] * load[len(load) // 2])
+            for load in loads
+        ],
+        axis=0,
     )
-    usual[len(fine) // 2 - every : len(fine) // 2 + every + 1] = True  # of the stiffest car at least the nodes beside the middle
+    # of the stiffest car at least the nodes beside the middle
+    usual[len(fine) // 2 - every : len(fine) // 2 + every + 1] = True
     own = [np.array([s.x[corners[k]] for s in alone[corners[k]]]) for k in range(2)]
     other = [np.array([s.x[corners[1 - k]] for s in alone[corners[k]]]) for k in range(2)]
     shape, opposite = [], []
@@ -224,7 +253,8 @@ def _axle(
 
 
 def _damper(stands: Sequence[Stand], travel: np.ndarray, n: int) -> dict[int, list[float]]:
-    """By index of a spring-damper the polynomial (POWERS,) that is the slope of its length over the travel, of those that move with it."""
+    """By index of a spring-damper the polynomial (POWERS,) that is the slope of its length over the travel, of those
+    that move with it."""
     lengths = np.array([s.lengths for s in stands])
     found = {}
     for k in np.flatnonzero(np.abs(lengths - lengths[n]).max(axis=0) > 0.01 * travel[-1]):
@@ -243,8 +273,9 @@ def _mounts(spec: ModelSpec, rest: Stand) -> list[float]:
 
 
 def _compliance(bench: Bench, at: Mapping[str, float]) -> dict[str, dict[str, Any]]:
-    """By axle 'compliance' (8, 8) of x, y, psi, gamma left and right, 'by_brake' (2, 8) of them by a moment about the spin axis, 'winding'
-    (2,) of the carriers about it by that moment [rad/(N m)]; at: travels, by input of the bench."""
+    """By axle 'compliance' (8, 8) of x, y, psi, gamma left and right, 'by_brake' (2, 8) of them by a moment about the
+    spin axis, 'winding' (2,) of the carriers about it by that moment [rad/(N m)]; at: travels, by input of the
+    bench."""
     rest, scale = bench.stand(**at), {'c': bench.size.mass, 'm': bench.size.torque}  # of forces, of moments
     found = {}
     for axle in ('front', 'rear'):
@@ -261,7 +292,10 @@ def _compliance(bench: Bench, at: Mapping[str, float]) -> dict[str, dict[str, An
             to_loads[2:, 2:] = inverse(moments)
             columns = np.zeros((10, 5))
             for m, (load, size) in enumerate((name, value * scale[name[0]]) for name, value in LOADS.items()):
-                high, low = bench.stand(**at, **{f'{load}_{corner}': size}), bench.stand(**at, **{f'{load}_{corner}': -size})
+                high, low = (
+                    bench.stand(**at, **{f'{load}_{corner}': size}),
+                    bench.stand(**at, **{f'{load}_{corner}': -size}),
+                )
                 columns[:, m] = np.concatenate([high.x[c] - low.x[c] for c in corners]) / (2.0 * size)
             response[:, 5 * k : 5 * k + 5] = product(columns, to_loads)
         response = 0.5 * (response + response.T)  # reciprocity
@@ -284,14 +318,16 @@ def _moved(low: np.ndarray, high: np.ndarray, width: float) -> tuple[np.ndarray,
 
 
 def _masses(bench: Bench, rest: Stand) -> dict[str, dict[str, float]]:
-    """By corner the mass that its travel moves, that between it and the travel of the other wheel, and the inertia that its spin turns:
-    twice the kinetic energies at unit rates, where the wheels of an axle spin together and share what turns with both; and its angular
-    momentum at a unit spin."""
+    """By corner the mass that its travel moves, that between it and the travel of the other wheel, and the inertia that
+    its spin turns: twice the kinetic energies at unit rates, where the wheels of an axle spin together and share what
+    turns with both; and its angular momentum at a unit spin."""
     bodies, travel_step = bench.rig.model.tables.bodies, STEP * bench.size.length
     found = {}
 
     def moving(*corners: str) -> float:
-        low, high = (bench.stand(**{f'travel_{corner}': step for corner in corners}) for step in (-travel_step, travel_step))
+        low, high = (
+            bench.stand(**{f'travel_{corner}': step for corner in corners}) for step in (-travel_step, travel_step)
+        )
         v, w = _moved(low.q, high.q, 2.0 * travel_step)
         w[list(bench.wheels.values()), 1] = 0.0  # wheels do not turn with their carriers
         return float(np.add.reduce(bodies.mass * np.add.reduce(v * v, axis=1)) + _turning(bodies.inertia, w))
@@ -315,9 +351,12 @@ def _masses(bench: Bench, rest: Stand) -> dict[str, dict[str, float]]:
 
 
 def _momenta(bench: Bench, q: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """(nb, 3) angular momenta [kg m^2] of all bodies about their centres of mass by rotations w (nb, 3) in B, in the design frame."""
+    """(nb, 3) angular momenta [kg m^2] of all bodies about their centres of mass by rotations w (nb, 3) in B, in the
+    design frame."""
     inertia = bench.rig.model.tables.bodies.inertia
-    return np.array([product(matrix(tuple(at[3:])), product(J, turn)) for at, J, turn in zip(q[:-1], inertia, w, strict=True)])
+    return np.array(
+        [product(matrix(tuple(at[3:])), product(J, turn)) for at, J, turn in zip(q[:-1], inertia, w, strict=True)]
+    )
 
 
 def _gear(bench: Bench) -> dict[str, Any]:

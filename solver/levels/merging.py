@@ -26,7 +26,8 @@ def merge_pair(draft: Draft, a: str, b: str) -> None:
     draft.merge(b if into == a else a, into)
 
 
-CARRYING = 10.0  # times the limit of a frequency for bodies that others hang on: their mounts are in series with what those hang in
+# times the limit of a frequency for bodies that others hang on: their mounts are in series with what those hang in
+CARRYING = 10.0
 SHAFTS = ('revolute', 'cylindrical', 'constant_velocity', 'universal')
 
 
@@ -44,7 +45,9 @@ def merge_stiff(draft: Draft, frequency: float) -> None:
             limit = frequency * (1.0 if _carries_shafts(draft, body, own) else CARRYING)
             lowest = slowest(draft, body, own) if body != draft.chassis else 0.0
             if lowest >= limit:
-                draft.lose(f'motion of {body} on its mounts' + (f', {lowest:.0f} Hz and more' if lowest < math.inf else ''))
+                draft.lose(
+                    f'motion of {body} on its mounts' + (f', {lowest:.0f} Hz and more' if lowest < math.inf else '')
+                )
                 draft.merge(body, other)
                 break
 

@@ -1,7 +1,7 @@
 """Equal bushings side by side between two bodies: one bushing at their centre, exact for small displacements.
 
-Translational rates and laws add up, rotational ones grow by rate times distance squared (the rate at rest, where an axis has a law). Only
-bushings whose places couple no two rotations are joined, as in solver.vehicle.parts.mounting.
+Translational rates and laws add up, rotational ones grow by rate times distance squared (the rate at rest, where an
+axis has a law). Only bushings whose places couple no two rotations are joined, as in solver.vehicle.parts.mounting.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ def joined_mounts(draft: Draft) -> None:
     groups: dict[tuple, list[BushingSpec]] = {}
     for spec in draft.sections['bushings'].values():
         R = tuple(round(float(x), 9) for x in draft.placed(spec.i).R.ravel())
-        groups.setdefault((spec.i.body, spec.j.body, R, spec.stiffness, spec.damping, spec.laws, spec.preload), []).append(spec)
+        groups.setdefault(
+            (spec.i.body, spec.j.body, R, spec.stiffness, spec.damping, spec.laws, spec.preload), []
+        ).append(spec)
     for group in groups.values():
         if len(group) > 1 and not any(group[0].preload) and not any(group[0].laws[3:]):
             _join(draft, group)
@@ -42,7 +44,10 @@ def _join(draft: Draft, group: list[BushingSpec]) -> None:
         coupling = abs(k[other] * float(np.add.reduce(arms[:, a] * arms[:, b])))
         if coupling > SKEW * math.sqrt(turning[0][a] * turning[0][b]):
             return
-    laws = tuple(None if law is None else Law(law.x, tuple(n * y for y in law.y), tuple(n * s for s in law.slope)) for law in first.laws)
+    laws = tuple(
+        None if law is None else Law(law.x, tuple(n * y for y in law.y), tuple(n * s for s in law.slope))
+        for law in first.laws
+    )
     for spec in group:
         draft.drop('bushings', spec.name)
     i, j = draft.marker(first.i.body, centre, R), draft.marker(first.j.body, centre, R)

@@ -16,7 +16,8 @@ from solver.elements.guide_map import BESIDE
 from solver.errors import ConsistencyError
 from solver.levels.bench import Bench, Stand
 
-FITTED_LOADS = 0.25, 1.75  # of the load at rest: the range of bends, without the stops; the polynomials are fitted in it
+# of the load at rest: the range of bends, without the stops; the polynomials are fitted in it
+FITTED_LOADS = 0.25, 1.75
 LEANT = 0.031  # m, of a wheel off where it stands
 
 
@@ -51,7 +52,9 @@ def where_it_stands(
         return NO_INFLUENCE
     middle, step = int(np.argmin(np.abs(fine - at))), float(fine[1] - fine[0])
     reach = min(int(LEANT * bench.size.length / step), middle, len(fine) - 1 - middle)
-    moves = [(k, other) for k in range(-reach, reach + 1) if k for other in (-k, 0)] + [(0, k) for k in range(-reach, reach + 1) if k]
+    moves = [(k, other) for k in range(-reach, reach + 1) if k for other in (-k, 0)] + [
+        (0, k) for k in range(-reach, reach + 1) if k
+    ]
 
     def stand(*nodes: int) -> Stand:
         return bench.stand(**{f'travel_{corner}': float(fine[n]) for corner, n in zip(corners, nodes, strict=True)})

@@ -40,7 +40,8 @@ def without_engine(spec: ModelSpec) -> ModelSpec:
 
 
 def powered(spec: ModelSpec, slopes: Mapping[str, Mapping[str, float]]) -> Powered:
-    """Engine and gearbox of a vehicle; slopes: `coordinates` of solver.levels.maps.measured(). Raises SpecError for what turns no wheel."""
+    """Engine and gearbox of a vehicle; slopes: `coordinates` of solver.levels.maps.measured(). Raises SpecError for
+    what turns no wheel."""
     draft = Draft(spec)
     turned = {name for converter in spec.converters for name in (converter.pump, converter.turbine)}
     turned |= {engine.coordinate for engine in spec.engines} | {clutch.shaft for clutch in spec.clutches}
@@ -56,12 +57,16 @@ def powered(spec: ModelSpec, slopes: Mapping[str, Mapping[str, float]]) -> Power
     return Powered(tuple(bodies), tuple(joints), spec.engines, spec.converters, clutches)
 
 
-def _outputs(clutch: ClutchSpec, shafts: set[str], slopes: Mapping[str, Mapping[str, float]]) -> tuple[tuple[str, float], ...]:
+def _outputs(
+    clutch: ClutchSpec, shafts: set[str], slopes: Mapping[str, Mapping[str, float]]
+) -> tuple[tuple[str, float], ...]:
     """(coordinate, share) of what a clutch turns here: shafts of the engine, and wheels."""
     shares: dict[str, float] = {}
     for name, share in clutch.outputs:
         if name not in shafts and name not in slopes:
             raise SpecError(f'{clutch.where}: {name!r} turns with no wheel; use full')
-        for coordinate, slope in ((name, 1.0),) if name in shafts else ((f'wheel_{corner}', s) for corner, s in slopes[name].items()):
+        for coordinate, slope in (
+            ((name, 1.0),) if name in shafts else ((f'wheel_{corner}', s) for corner, s in slopes[name].items())
+        ):
             shares[coordinate] = shares.get(coordinate, 0.0) + share * slope
     return tuple((name, round(share, 9)) for name, share in shares.items() if abs(share) > UNMOVED)

@@ -1,9 +1,10 @@
-"""The map of a steering: the mean angle of the front road wheels over the angle of the steering wheel, measured on the bench.
+"""The map of a steering: the mean angle of the front road wheels over the angle of the steering wheel, measured on the
+bench.
 
-The bench (solver.analysis.kinematics_and_compliance) holds the chassis in its design position and turns the steering wheel; every
-point is a static equilibrium without loads at the tires. So the map has what linkage and gear do to the ratio, and not the twist that
-forces at the wheels cause. NODES points lie like the zeros of a Chebyshev polynomial; the polynomial through them is the map
-(solver.inputs.signals.Mapped).
+The bench (solver.analysis.kinematics_and_compliance) holds the chassis in its design position and turns the steering
+wheel; every point is a static equilibrium without loads at the tires. So the map has what linkage and gear do to the
+ratio, and not the twist that forces at the wheels cause. NODES points lie like the zeros of a Chebyshev polynomial; the
+polynomial through them is the map (solver.inputs.signals.Mapped).
 """
 
 from __future__ import annotations
@@ -48,7 +49,8 @@ def steering_wheel_at(road_map: Mapped, road_wheel: float) -> float:
 
 
 def by_steering_wheel(scene: Scene) -> Scene:
-    """A scene whose maneuver steers by road_wheel, as one that steers by the angle of the steering wheel. Raises SceneError."""
+    """A scene whose maneuver steers by road_wheel, as one that steers by the angle of the steering wheel. Raises
+    SceneError."""
     try:
         found = steering_map(scene.model)
     except SpecError as error:
@@ -61,7 +63,9 @@ def by_steering_wheel(scene: Scene) -> Scene:
         beyond = f'{worst:g} rad is beyond the steering, which turns the road wheels by {low:.3g} to {high:.3g} rad'
         raise SceneError(f'scene {scene.name!r}: maneuver.road_wheel: {beyond}; {IN_DEGREES}')
     mapped = dataclasses.replace(found, of=wanted)
-    return dataclasses.replace(scene, maneuver=dataclasses.replace(scene.maneuver, road_wheel=Constant(), steering=mapped))
+    return dataclasses.replace(
+        scene, maneuver=dataclasses.replace(scene.maneuver, road_wheel=Constant(), steering=mapped)
+    )
 
 
 def _measured(model: ModelSpec) -> list[tuple[float, float]]:

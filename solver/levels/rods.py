@@ -62,7 +62,9 @@ def _replace(draft: Draft, body: str, hanging: Hold, ball: Hold) -> None:
     spec = draft.spec(hanging)
     about: np.ndarray | None = None
     if hanging.section == 'joints':
-        joint = JointSpec(name=body, kind='distance', i=draft.marker(near, a), j=draft.marker(far, b), length=norm(b - a))
+        joint = JointSpec(
+            name=body, kind='distance', i=draft.marker(near, a), j=draft.marker(far, b), length=norm(b - a)
+        )
         parts: list[RodSpec] = []
     else:
         joint = None
@@ -111,7 +113,8 @@ def _swing_frame(u: np.ndarray, K: np.ndarray) -> np.ndarray:
 
 
 def _link(
-    draft: Draft, body: str, spec: BushingSpec, near: str, far: str, a: np.ndarray, b: np.ndarray, R: np.ndarray, C: np.ndarray,
+    draft: Draft, body: str, spec: BushingSpec, near: str, far: str, a: np.ndarray, b: np.ndarray, R: np.ndarray,
+    C: np.ndarray,
     F: np.ndarray, loss: tuple[float, float],
 ) -> RodSpec:  # fmt: skip
     """The rod of a link. Its law is that of the three translations of the bushing in series; it swings about x and y of
@@ -131,12 +134,21 @@ def _link(
     rate = 1.0 / float(product(u, product(C, u)))
     return RodSpec(
         name=body, i=draft.marker(near, a, F), j=draft.marker(far, b), length=length, law=law, damping=loss[1] * rate,
-        swing=(across[1] * length * length, across[0] * length * length), across=loss[0] * 0.5 * (across[0] + across[1]),
+        swing=(across[1] * length * length, across[0] * length * length),
+        across=loss[0] * 0.5 * (across[0] + across[1]),
     )  # fmt: skip
 
 
 def _arm(
-    draft: Draft, body: str, near: str, far: str, a: np.ndarray, b: np.ndarray, axis: np.ndarray, C: np.ndarray, loss: tuple[float, float]
+    draft: Draft,
+    body: str,
+    near: str,
+    far: str,
+    a: np.ndarray,
+    b: np.ndarray,
+    axis: np.ndarray,
+    C: np.ndarray,
+    loss: tuple[float, float],
 ) -> list[RodSpec]:
     """The two rods of an arm, from the axis (unit vector) to the ball joint.
 
@@ -162,7 +174,8 @@ def _arm(
         F = np.stack([out, np.cross(n, out), n], axis=1)  # swing towards `out` is a turn about y
         found.append(
             RodSpec(
-                name=f'{body}_{k + 1}', i=draft.marker(near, foot, F), j=draft.marker(far, b), length=length, law=Law.linear(rate),
+                name=f'{body}_{k + 1}', i=draft.marker(near, foot, F), j=draft.marker(far, b), length=length,
+                law=Law.linear(rate),
                 damping=loss[1] * rate, swing=(0.0, 0.5 * swinging * length * length), across=loss[0] * 0.5 * swinging,
             )
         )  # fmt: skip

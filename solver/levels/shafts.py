@@ -1,7 +1,7 @@
 """Shafts without bodies of their own: what only turns with something else lends it its inertia and is gone.
 
-    half shaft      bearing -output- constant velocity -shaft- constant velocity -wheel: the coordinate of the bearing becomes the
-                    rotation of the wheel against what carries the bearing
+    half shaft      bearing -output- constant velocity -shaft- constant velocity -wheel: the coordinate of the bearing
+                    becomes the rotation of the wheel against what carries the bearing
     propeller shaft bearing -pinion- joint -shaft- joint -shaft- free to turn: the pinion has the inertia of all
                     and no play along its axis
 
@@ -66,7 +66,8 @@ def add_disc(draft: Draft, body: str, axis: np.ndarray, inertia: float) -> None:
 
 
 def without_disc(draft: Draft, body: str, axis: np.ndarray) -> float:
-    """Take from a body what turns about an axis, as a disc, and return its inertia [kg m^2]; masses along the axis are left."""
+    """Take from a body what turns about an axis, as a disc, and return its inertia [kg m^2]; masses along the axis are
+    left."""
     J = draft.inertia(body)
     spin = float(product(axis, product(J, axis)))
     across = np.eye(3) - axis[:, None] * axis[None, :]
@@ -91,7 +92,7 @@ def _aligned(R: np.ndarray, z: np.ndarray) -> np.ndarray:
     return product(turn, R)
 
 
-# -- half shafts ---------------------------------------------------------------------------------------------------------------
+# -- half shafts -----------------------------------------------------------------------------------------------------
 
 
 def _half_shafts(draft: Draft) -> None:
@@ -107,7 +108,9 @@ def _half_shafts(draft: Draft) -> None:
                 break
 
 
-def _take_half_shaft(draft: Draft, shaft: str, inner: Hold, outer: Hold, output: str, wheel: str, bearing: Bearing) -> None:
+def _take_half_shaft(
+    draft: Draft, shaft: str, inner: Hold, outer: Hold, output: str, wheel: str, bearing: Bearing
+) -> None:
     start, end = draft.placed(draft.other(inner)).p, draft.placed(draft.other(outer))
     spin = end.R[:, 2] if float(product(end.R[:, 2], bearing.frame.R[:, 2])) > 0.0 else -end.R[:, 2]
     turning = without_disc(draft, output, unit(bearing.frame.R[:, 2])) + without_disc(draft, shaft, unit(end.p - start))
@@ -127,7 +130,7 @@ def _take_half_shaft(draft: Draft, shaft: str, inner: Hold, outer: Hold, output:
     draft.lose(f'motion of {shaft} and {output} along and across their axes')
 
 
-# -- propeller shafts ----------------------------------------------------------------------------------------------------------
+# -- propeller shafts ------------------------------------------------------------------------------------------------
 
 
 def _free_shafts(draft: Draft) -> None:
@@ -157,7 +160,9 @@ def _free_chain(draft: Draft, pinion: str, link: Hold) -> list[str]:
         if len(rest) == 1 and couplings:
             last = couplings[0]
             continue
-        free = rest and all(h.section == 'joints' and draft.spec(h).kind in ('spherical', 'point_on_line') for h in rest)
+        free = rest and all(
+            h.section == 'joints' and draft.spec(h).kind in ('spherical', 'point_on_line') for h in rest
+        )
         return chain if free and len(rest) == 2 else []
 
 
@@ -199,20 +204,22 @@ def carried(draft: Draft, body: str, near: str, a: np.ndarray, far: str, b: np.n
     draft.add_inertia(base, rest, body)
 
 
-# -- torsion of the driveline --------------------------------------------------------------------------------------------------
+# -- torsion of the driveline ----------------------------------------------------------------------------------------
 
 
 def elastic_drives(draft: Draft) -> list[CoordinateForceSpec]:
     """Final drives through which a propeller shaft turns with outputs elastically."""
     drives = draft.sections['coordinate_forces'].values()
     return [
-        drive for drive in drives if len(drive.terms) == 3 and drive.spring is not None and drive.input is None and _joint(draft, drive)
+        drive
+        for drive in drives
+        if len(drive.terms) == 3 and drive.spring is not None and drive.input is None and _joint(draft, drive)
     ]
 
 
 def without_torsion(draft: Draft) -> None:
-    """Let propeller shafts turn with the mean of their outputs, those on which nothing acts besides: not those of a gearbox in front of
-    them, or of a connection with another axle.
+    """Let propeller shafts turn with the mean of their outputs, those on which nothing acts besides: not those of a
+    gearbox in front of them, or of a connection with another axle.
 
     Their inertia over the square of the ratio turns by equal parts with the outputs: exact for equal speeds.
     """
@@ -239,7 +246,9 @@ def _take_pinion(draft: Draft, drive: CoordinateForceSpec, pinion: str) -> None:
     draft.merge(pinion, joint.i.body)
     total = sum(abs(factor) for _, factor in outputs)
     for name, factor in outputs:
-        coordinate = next((c for j in draft.sections['joints'].values() for c in joint_coordinates(j) if c.name == name), None)
+        coordinate = next(
+            (c for j in draft.sections['joints'].values() for c in joint_coordinates(j) if c.name == name), None
+        )
         coordinate = coordinate or draft.sections['coordinates'][name]
         # half of the inertia of the mean: at equal speeds the same energy
         add_disc(draft, coordinate.j.body, draft.placed(coordinate.j).R[:, 2], turning * abs(factor) * total)

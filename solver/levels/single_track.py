@@ -50,7 +50,10 @@ from solver.vehicle.trailer import refuse_trailer
 from solver.vehicle.transfer import refuse_locked, without_connections
 
 STANDING = Limit(
-    quantity='height over the road at the start', unit='m', high=REACH, why='it stands on the road, and neither falls nor springs up'
+    quantity='height over the road at the start',
+    unit='m',
+    high=REACH,
+    why='it stands on the road, and neither falls nor springs up',
 )
 # 1 - friction of the road, at most. At friction 0.5 three cars turned 4 to 5 % less than the full vehicle, at three
 # quarters of their lateral limit; at friction 0.3 one of them turned 12 % less.
@@ -77,20 +80,24 @@ def derive(scene: Scene) -> Derived:
         needed = f'needs the input {missing[0]!r}, which the vehicle does not have'
         raise SceneError(f'{where}: {needed}; take another level')
     if model.engines or model.clutches:
-        raise SceneError(f'{where}: the vehicle has an engine with a gearbox, which this level does not have; take full or condensed')
+        raise SceneError(
+            f'{where}: the vehicle has an engine with a gearbox, which this level does not have; take full or condensed'
+        )
     if scene.actuation.wheels:
         raise SceneError(f'{where}: actuation.wheels: this level has no single wheels; remove it or take another level')
     other = [name for name in scene.maneuver.channels if name not in COMMANDS]
     if other:
         raise SceneError(
-            f'{where}: maneuver: {other[0]!r} acts on a part that this level does not model; remove this input or take another level'
+            f'{where}: maneuver: {other[0]!r} acts on a part that this level does not model; remove this input or take '
+            'another level'
         )
     found = derived('single_track', repr(dataclasses.replace(model, road=RoadSpec())), lambda: identified(model))
     parameters = {name: found[name] for name in ('mounting', 'body', 'front', 'rear')}
     report = LevelReport(
         lost=(
             'left and right of an axle: wheel loads and forces of single wheels, wheel lift',
-            'travel of the wheels, bounce, pitch as a motion of its own, wheel hop, engine and subframes on their mounts',
+            'travel of the wheels, bounce, pitch as a motion of its own, wheel hop, engine and subframes on their '
+            'mounts',
             'unevenness and slope of the road; friction counts as the mean of both wheels of an axle',
             'torsion of steering and driveline; the published effort of a wheel is its brake torque alone',
             'turn slip, and the moment that resists turning a wheel on the spot',
@@ -103,13 +110,19 @@ def derive(scene: Scene) -> Derived:
         validity=(*(on_road(Limit(**limit), model.road) for limit in found['validity']), STANDING, SLIPPERY),
     )
     given = dataclasses.replace(scene, model=shown(model), require=dataclasses.replace(scene.require, accuracy={}))
-    return Derived(scene=given, level='single_track', report=report, engine=functools.partial(SingleTrack, parameters=parameters))
+    return Derived(
+        scene=given, level='single_track', report=report, engine=functools.partial(SingleTrack, parameters=parameters)
+    )
 
 
 def unlifted(model: ModelSpec) -> tuple[str, ...]:
     """(one sentence on the aerodynamic lift that the level leaves out), or () for a vehicle without lift."""
     wings = [aero.name for aero in model.aero_drags if aero.lift_area]
-    return (f'lift of {", ".join(wings)}: the axles are loaded as at {SPEED * size_of(model).speed:g} m/s at every speed',) if wings else ()
+    return (
+        (f'lift of {", ".join(wings)}: the axles are loaded as at {SPEED * size_of(model).speed:g} m/s at every speed',)
+        if wings
+        else ()
+    )
 
 
 def on_road(limit: Limit, road: RoadSpec) -> Limit:
@@ -118,7 +131,9 @@ def on_road(limit: Limit, road: RoadSpec) -> Limit:
     scaled = on_friction(limit, road.friction)
     if limit.quantity not in WITH_FRICTION or not varies(road):
         return scaled
-    return dataclasses.replace(scaled, why=f'{scaled.why}; reached on a more slippery part of the road it counts for more, in proportion')
+    return dataclasses.replace(
+        scaled, why=f'{scaled.why}; reached on a more slippery part of the road it counts for more, in proportion'
+    )
 
 
 def on_friction(limit: Limit, friction: float) -> Limit:
@@ -143,7 +158,9 @@ def shown(model: ModelSpec) -> ModelSpec:
     joints = []
     for corner, wheel in wheels.items():
         at = axis_of(wheel, corner, model)
-        joints.append(JointSpec(name=f'wheel_{corner}', kind='revolute', i=marker_at(chassis, *at), j=marker_at(wheel, *at)))
+        joints.append(
+            JointSpec(name=f'wheel_{corner}', kind='revolute', i=marker_at(chassis, *at), j=marker_at(wheel, *at))
+        )
     shown_bodies = [*wheels.values()]
     for joint in model.joints:
         if joint.name == 'steering_wheel' and joint.i.body == chassis.name:
@@ -152,7 +169,8 @@ def shown(model: ModelSpec) -> ModelSpec:
     mass = sum(b.mass for b in model.bodies) - sum(b.mass for b in shown_bodies)
     whole_ = dataclasses.replace(chassis, mass=mass)
     return ModelSpec(
-        bodies=(whole_, *shown_bodies), joints=tuple(joints), road=model.road, gravity=model.gravity, inputs=model.inputs,
+        bodies=(whole_, *shown_bodies), joints=tuple(joints), road=model.road, gravity=model.gravity,
+        inputs=model.inputs,
         chassis=chassis.name, category=model.category, lock=model.lock,
     )  # fmt: skip
 
@@ -212,7 +230,8 @@ def identified(model: ModelSpec) -> dict[str, Any]:
         'x': -float(com[0]), 'axis': 0.1 * size.length, 'height': lengthwise['z'], 'pitch': lengthwise['pitch'],
         'pitch_by_shift': lengthwise['pitch_by_shift'], 'pitch_by_drive': lengthwise['pitch_by_drive'],
         'pitch_by_roll': 0.0,
-        'com_x': float(chassis.com[0]), 'com_y': float(chassis.com[1]), 'com_z': float(chassis.com[2]), 'yaw': 0.0, 'gravity': g,
+        'com_x': float(chassis.com[0]), 'com_y': float(chassis.com[1]), 'com_z': float(chassis.com[2]), 'yaw': 0.0,
+        'gravity': g,
     }  # fmt: skip
     start = {'mounting': mounting, 'body': body, **parameters}
     runs = [(drive, driven(model, drive)) for drive in bends(start, wheelbase[0] - wheelbase[1], size.time)]

@@ -64,11 +64,17 @@ ELEMENTS = (*(f'axle_{axle}/{column}' for axle in AXLES for column in AXLE_COLUM
 Parameters = Mapping[str, Mapping[str, float]]  # of the NamedTuples mounting, body, front and rear
 
 
-def tables_of(parameters: Parameters, scene: Scene, yaw: float = 0.0, x: float = 0.0, y: float = 0.0) -> SingleTrackTables:
-    """The parameters as the step takes them, on the road of a scene, as high as that is at the start; yaw [rad], x, y [m]: there."""
+def tables_of(
+    parameters: Parameters, scene: Scene, yaw: float = 0.0, x: float = 0.0, y: float = 0.0
+) -> SingleTrackTables:
+    """The parameters as the step takes them, on the road of a scene, as high as that is at the start; yaw [rad], x, y
+    [m]: there."""
     p, road = parameters, compile_road(scene.model.road)
     height = p['mounting']['height'] + float(surface_at(Ref(road), x, y)[0])
-    gives = {axle: dict(zip(('give', 'give_damping'), give_of(p[axle]['radius'], p[axle]['resistance']), strict=True)) for axle in AXLES}
+    gives = {
+        axle: dict(zip(('give', 'give_damping'), give_of(p[axle]['radius'], p[axle]['resistance']), strict=True))
+        for axle in AXLES
+    }
     front, rear = (TrackAxle(**p[axle], **gives[axle]) for axle in AXLES)
     mounting = Mounting(**{**p['mounting'], 'yaw': yaw, 'height': height})
     return SingleTrackTables(mounting=mounting, body=Body(**p['body']), front=front, rear=rear, road=road)
@@ -83,7 +89,8 @@ def _heights(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad) -> tuple[f
 def channels_of(inputs: tuple[str, ...], chassis: str) -> Channels:
     """Names of everything a Snapshot of this level holds."""
     return Channels(
-        joints=('steering_wheel', *WHEELS), joint_kinds=('rotation',) * 5, bodies=(chassis,), wheels=(), inputs=inputs, elements=ELEMENTS,
+        joints=('steering_wheel', *WHEELS), joint_kinds=('rotation',) * 5, bodies=(chassis,), wheels=(), inputs=inputs,
+        elements=ELEMENTS,
         reactions=(), chassis=0,
     )  # fmt: skip
 
@@ -105,7 +112,8 @@ def new_scratch() -> Ref:
 
 
 def rolling(t: SingleTrackTables, speed: float, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> np.ndarray:
-    """(SIZE,) state straight on at a speed [m/s], wheels rolling against their resistance; centre of mass at x, y [m]."""
+    """(SIZE,) state straight on at a speed [m/s], wheels rolling against their resistance; centre of mass at x, y
+    [m]."""
     state = np.zeros(SIZE)
     state[X], state[Y], state[YAW], state[VX] = x, y, yaw, speed
     for i, axle in enumerate((t.front, t.rear)):
@@ -118,11 +126,13 @@ def rolling(t: SingleTrackTables, speed: float, x: float = 0.0, y: float = 0.0, 
 
 
 def settled(tables: Ref, straight: np.ndarray, speed: float, u: np.ndarray, index: np.ndarray) -> np.ndarray | None:
-    """(SIZE,) state in which what rolled `straight` (SIZE,) at a speed [m/s] settles under the inputs u (nu,), its steering wheel held.
+    """(SIZE,) state in which what rolled `straight` (SIZE,) at a speed [m/s] settles under the inputs u (nu,), its
+    steering wheel held.
 
-    As solver.start.rolling does with a vehicle of bodies: every SETTLE_EVERY seconds it is put back to its speed and heading, and the
-    centre of mass of its chassis to its place. In steps of its own, so that a start does not depend on those of the scene. tables and
-    index: of the step. None where its drive leaves nothing steady. Raises ConsistencyError.
+    As solver.start.rolling does with a vehicle of bodies: every SETTLE_EVERY seconds it is put back to its speed and
+    heading, and the centre of mass of its chassis to its place. In steps of its own, so that a start does not depend on
+    those of the scene. tables and index: of the step. None where its drive leaves nothing steady. Raises
+    ConsistencyError.
     """
     t, w, frame = tables.value, new_scratch(), Ref(new_frame(len(u)))
     held = u.copy()
@@ -134,12 +144,15 @@ def settled(tables: Ref, straight: np.ndarray, speed: float, u: np.ndarray, inde
         if advance(tables, y, rows, index, held, 0, round(SETTLE_EVERY / LONGEST), False, LONGEST, 1, w, frame)[0]:
             wheel = f'with the steering wheel at {u[index[0]]:g} rad'
             raise ConsistencyError(
-                f'start: the vehicle does not settle at {speed:g} m/s {wheel}: reduce the speed or the steering angle at t = 0'
+                f'start: the vehicle does not settle at {speed:g} m/s {wheel}: reduce the speed or the steering angle '
+                'at t = 0'
             )
         side = arm * y[ROLL]  # which the centre of mass of the chassis has moved to the right
         now = y[VX] + y[YAW_RATE] * (side - t.mounting.com_y)
         most = SPINNING * math.hypot(y[VX], y[VY]) / abs(speed)
-        if driven and (np.any(np.abs(y[spins]) > most * np.abs(straight[spins])) or abs(now - speed) > UNSTEADY * abs(speed)):
+        if driven and (
+            np.any(np.abs(y[spins]) > most * np.abs(straight[spins])) or abs(now - speed) > UNSTEADY * abs(speed)
+        ):
             return None
         y[VX] += speed - now
         if now / speed > STOPPED:
@@ -150,7 +163,8 @@ def settled(tables: Ref, straight: np.ndarray, speed: float, u: np.ndarray, inde
 
 
 class SingleTrack:
-    """See solver.engine.Engine: what solver.levels.single_track shows of a vehicle, with the parameters that level found.
+    """See solver.engine.Engine: what solver.levels.single_track shows of a vehicle, with the parameters that level
+    found.
 
     Only h of the integrator means something here: the step is that of solver.levels.track_step, in parts of LONGEST at
     most. Nothing iterates, and there are no constraints. Raises SpecError or ConsistencyError.
@@ -161,7 +175,9 @@ class SingleTrack:
 
     def __init__(self, scene: Scene, parameters: Parameters) -> None:
         if scene.integrator.kind not in KINDS:
-            raise SpecError(f'integrator: kind = {scene.integrator.kind!r}: the level single_track has a step of its own; use alf')
+            raise SpecError(
+                f'integrator: kind = {scene.integrator.kind!r}: the level single_track has a step of its own; use alf'
+            )
         self.scene, self.model = scene, prepare(scene.model)
         self.h = scene.integrator.h_ns * 1e-9
         names = scene.model.inputs
@@ -175,12 +191,18 @@ class SingleTrack:
         self.tables = Ref(tables_of(parameters, scene, yaw, x, y))
         self.parts = max(1, math.ceil(self.h / LONGEST - 1e-9))
         behind = self.tables.mounting.x
-        self._straight = rolling(self.tables.value, scene.start.speed, x - math.cos(yaw) * behind, y - math.sin(yaw) * behind, yaw)
+        self._straight = rolling(
+            self.tables.value, scene.start.speed, x - math.cos(yaw) * behind, y - math.sin(yaw) * behind, yaw
+        )
         road = scene.model.road
         heights = [height for grid in road.grids for height in _heights(grid)]
         self._uneven = max(heights, default=0.0) - min(heights, default=0.0)
         self._slope = math.hypot(*road.normal[:2]) / road.normal[2]
-        self._dropped = 0.0 if scene.start.kind == 'equilibrium' else abs(self._chassis_spec.position[2] - self.tables.mounting.height)
+        self._dropped = (
+            0.0
+            if scene.start.kind == 'equilibrium'
+            else abs(self._chassis_spec.position[2] - self.tables.mounting.height)
+        )
         self._slippery, self._varies = np.zeros(2), varies(road)
 
     @property
@@ -198,13 +220,19 @@ class SingleTrack:
         return next(b for b in self.scene.model.bodies if b.name == self.channels.bodies[0])
 
     def _place(self) -> tuple[float, float, float]:
-        """x, y [m] and yaw [rad] of the chassis at the start. Raises SpecError where more is asked for than a place and a speed."""
+        """x, y [m] and yaw [rad] of the chassis at the start. Raises SpecError where more is asked for than a place and
+        a speed."""
         scene = self.scene
         for name in scene.start.coordinates:
-            raise SpecError(f'start.coordinates = {name!r}: the level single_track has no joints that could start there; remove it')
+            raise SpecError(
+                f'start.coordinates = {name!r}: the level single_track has no joints that could start there; remove it'
+            )
         chassis = self._chassis_spec
         if any(chassis.velocity) or any(chassis.angular_velocity):
-            raise SpecError(f'{chassis.where}: velocity is given, but the level single_track starts with start.speed; take another level')
+            raise SpecError(
+                f'{chassis.where}: velocity is given, but the level single_track starts with start.speed; take another '
+                'level'
+            )
         R = matrix(chassis.orientation)
         return chassis.position[0], chassis.position[1], math.atan2(R[1, 0], R[0, 0])
 
@@ -250,7 +278,8 @@ class SingleTrack:
 
     def advance(self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray) -> Moved:
         """See Engine.advance(). On a road of varying friction the motion is looked at every LOOK."""
-        looks = audit and self._varies and bool(np.isfinite(inputs).all())  # what is not finite is refused before anything is advanced
+        # what is not finite is refused before anything is advanced
+        looks = audit and self._varies and bool(np.isfinite(inputs).all())
         piece = max(1, LOOK // self.scene.integrator.h_ns) if looks else n
         status = done = 0
         for first in range(0, n, piece):
@@ -260,14 +289,18 @@ class SingleTrack:
             )  # fmt: skip
             if status == 1:
                 name = self.channels.inputs[steps]
-                return Moved(done, NO_STEPS, f'{instant(self.scene, k)}: input {name!r} is not finite; nothing was advanced')
+                return Moved(
+                    done, NO_STEPS, f'{instant(self.scene, k)}: input {name!r} is not finite; nothing was advanced'
+                )
             done += steps
             if status:
                 break
             if looks:
                 note(self.tables.value, self._scratch.value, self.y, (k + done) * self.h, self._slippery)
         counters = Counters(done * self.parts, 0, done * (2 * self.parts + 1), 0, 0.0, 0.0, 0.0)
-        late = f'{instant(self.scene, k + done)}: the motion is no longer finite; reduce integrator.h or check the torques'
+        late = (
+            f'{instant(self.scene, k + done)}: the motion is no longer finite; reduce integrator.h or check the torques'
+        )
         return Moved(done, counters, late if status == 2 else '')
 
     def sight(self) -> Sight:

@@ -1,4 +1,5 @@
-"""Coil-overs without bodies of their own: spring and damper act between what the tube stands on and what the rod hangs in.
+"""Coil-overs without bodies of their own: spring and damper act between what the tube stands on and what the rod hangs
+in.
 
 A strut is two bodies that slide in each other, each with one more connection, and springs and a damper between the same
 two points of them. If rubber holds an end, spring and damper are in a row with it (solver.elements.strut); where both
@@ -48,7 +49,9 @@ def _end(draft: Draft, body: str, slide: str) -> End | None:
     if body not in draft.bodies or body == draft.chassis:
         return None
     rest = [h for h in draft.holds(body) if h.name != slide and h.section != 'spring_dampers']
-    fits = len(rest) == 1 and (rest[0].section == 'bushings' or (rest[0].section == 'joints' and draft.spec(rest[0]).kind in HINGES))
+    fits = len(rest) == 1 and (
+        rest[0].section == 'bushings' or (rest[0].section == 'joints' and draft.spec(rest[0]).kind in HINGES)
+    )
     return End(body, rest[0], draft.other(rest[0]).body, draft.placed(draft.other(rest[0])).p) if fits else None
 
 
@@ -56,8 +59,12 @@ def _take(draft: Draft, slide: str, one: End, two: End) -> None:
     elastic = [end for end in (one, two) if end.hold.section == 'bushings']
     if elastic and min(elastic, key=lambda end: float(rates(draft.spec(end.hold))[:3].min())) is one:
         one, two = two, one  # the rod, two, hangs in the softer end
-    elements = {h.name: draft.spec(h) for end in (one, two) for h in draft.holds(end.body) if h.section == 'spring_dampers'}
-    if not elements or all(end.hold.section == 'joints' and draft.spec(end.hold).kind != 'spherical' for end in (one, two)):
+    elements = {
+        h.name: draft.spec(h) for end in (one, two) for h in draft.holds(end.body) if h.section == 'spring_dampers'
+    }
+    if not elements or all(
+        end.hold.section == 'joints' and draft.spec(end.hold).kind != 'spherical' for end in (one, two)
+    ):
         return  # a telescope that turns what it holds, like that of a steering column
     line = unit(two.p - one.p)
     if elastic:
@@ -115,7 +122,8 @@ def _strut(draft: Draft, elements: list[SpringDamperSpec], one: End, two: End, l
     bases = {end.body: end.base for end in (one, two)}
     i, j = (draft.marker(bases[marker.body], draft.placed(marker).p) for marker in (damper.i, damper.j))
     return StrutSpec(
-        name=damper.name, i=i, j=j, free_length=damper.free_length, spring=spring, stops=damper.spring, damper=damper.damper,
+        name=damper.name, i=i, j=j, free_length=damper.free_length, spring=spring, stops=damper.spring,
+        damper=damper.damper,
         mount=in_series([(law, 1.0) for law, _, _ in found]), mount_damping=damping,
     )  # fmt: skip
 
@@ -134,8 +142,11 @@ def _along(draft: Draft, end: End, line: np.ndarray) -> tuple[Law, float, float]
         return (Law.linear(rate), rate, damping) if damping > 0.0 else None
     if law is None or abs(cosines[axis]) < ALONG or not increasing(law) or not damping > 0.0:
         return None
-    # under tension the half moves away from its base, to where its centre of mass is: against the axis of the bushing or along it
-    outward = float(product(draft.com(end.body) - end.p, line)) * cosines[axis] * (1.0 if spec.j.body == end.body else -1.0)
+    # under tension the half moves away from its base, to where its centre of mass is: against the axis of the bushing
+    # or along it
+    outward = (
+        float(product(draft.com(end.body) - end.p, line)) * cosines[axis] * (1.0 if spec.j.body == end.body else -1.0)
+    )
     return (law if outward > 0.0 else _mirrored(law)), rate, damping
 
 

@@ -6,14 +6,15 @@
     driveline_torsion   no elasticity of the final drive: half of the propeller shaft's inertia turns with each output
     anti_roll_bars      no bars and drop links
     stops               no bump rubbers and rebound buffers
-    relaxation          tires that build up their force over the shortest length there is; their states stay, a standing tire is a spring
+    relaxation          tires that build up their force over the shortest length there is; their states stay, a standing
+                        tire is a spring
     turn_slip           no turn slip, none against parking either, and one state less per tire
     camber              no forces from camber
     drag                no forces of the air
     road_unevenness     no height grids
 
-What is off is not in the model: bodies, rows and entries of tables are gone. Parts are found by what they are joined with, elements by the
-names that the templates give them (docs/vehicle.md).
+What is off is not in the model: bodies, rows and entries of tables are gone. Parts are found by what they are joined
+with, elements by the names that the templates give them (docs/vehicle.md).
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ from solver.model.spec import ModelSpec
 from solver.scene import SUBSYSTEMS
 
 NO_CAMBER = 1e-9  # rad: the range of the fit, where camber has no effect
-STIFFNESSES = ('LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS')  # what relaxation lengths of 6.1 follow from, where a file has them
+# what relaxation lengths of 6.1 follow from, where a file has them
+STIFFNESSES = ('LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS')
 SHORT = 1e-3  # of the relaxation lengths in the file
 
 
@@ -48,15 +50,25 @@ def switched(model: ModelSpec, switches: Mapping[str, str]) -> tuple[ModelSpec, 
             before = draft.model()
             leave_out(draft)
             gone = draft.model() != before
-            why = 'switched off in the scene' if gone else 'switched off in the scene, but no rule takes it out of this vehicle'
+            why = (
+                'switched off in the scene'
+                if gone
+                else 'switched off in the scene, but no rule takes it out of this vehicle'
+            )
             report.append(Switched(subsystem=name, on=not gone, why=why))
         else:
-            report.append(Switched(subsystem=name, on=True, why='switched on in the scene' if name in switches else 'part of the vehicle'))
+            report.append(
+                Switched(
+                    subsystem=name,
+                    on=True,
+                    why='switched on in the scene' if name in switches else 'part of the vehicle',
+                )
+            )
     changed = any(switches.get(s.subsystem) == 'off' for s in report if not s.on)
     return (draft.model() if changed else model), tuple(report)
 
 
-# -- parts -----------------------------------------------------------------------------------------------------------------------
+# -- parts -----------------------------------------------------------------------------------------------------------
 
 
 def _mounts(draft: Draft, of: str) -> list[str]:
@@ -69,7 +81,8 @@ def _mounted(of: str) -> Callable[[Draft], bool]:
 
 
 def _merged(of: str) -> Callable[[Draft], None]:
-    """Every body on mounts of this name becomes a part of the chassis, or, without a mount there, of what the first mount stands on."""
+    """Every body on mounts of this name becomes a part of the chassis, or, without a mount there, of what the first
+    mount stands on."""
 
     def leave_out(draft: Draft) -> None:
         while names := _mounts(draft, of):
@@ -85,7 +98,7 @@ def _merged(of: str) -> Callable[[Draft], None]:
     return leave_out
 
 
-# -- elements --------------------------------------------------------------------------------------------------------------------
+# -- elements --------------------------------------------------------------------------------------------------------
 
 
 def _is_stop(spring: object) -> bool:
@@ -95,7 +108,12 @@ def _is_stop(spring: object) -> bool:
 
 
 def _with_stops(draft: Draft) -> list[tuple[str, str]]:
-    return [(s, spec.name) for s in ('spring_dampers', 'coordinate_forces') for spec in draft.sections[s].values() if _is_stop(spec.spring)]
+    return [
+        (s, spec.name)
+        for s in ('spring_dampers', 'coordinate_forces')
+        for spec in draft.sections[s].values()
+        if _is_stop(spec.spring)
+    ]
 
 
 def _without_stops(draft: Draft) -> None:

@@ -1,4 +1,5 @@
-"""An axle of a single-track model: slips, forces, torques about its axis (the formulas stand in solver.levels.track_step)."""
+"""An axle of a single-track model: slips, forces, torques about its axis (the formulas stand in
+solver.levels.track_step)."""
 
 from __future__ import annotations
 
@@ -155,7 +156,8 @@ def _slip(b, axle, at, u, v):
 
 @kernel(inline=True)
 def _characteristic(axle, at, sx, sy):
-    """(Fx, Fy [N], what slip makes of the force over what its slope would) at the slips over which the forces would be the largest."""
+    """(Fx, Fy [N], what slip makes of the force over what its slope would) at the slips over which the forces would be
+    the largest."""
     size = np.sqrt(sx * sx + sy * sy)
     share = 1.0
     if size > 1e-6:
@@ -207,8 +209,8 @@ def _roll(axle, tread, spin, Fz):
 
 @kernel(inner=True)
 def axle_forces(b, axle, road, i, y, steering, drive, brake, c, s, rates, stiff, told):
-    """Rates of the states of axle i; returns its forces along and across the heading and its moment (fx, fy, mz), the power it dissipates,
-    the energy it stores, and the torque that its trail turns the steering wheel back with.
+    """Rates of the states of axle i; returns its forces along and across the heading and its moment (fx, fy, mz), the
+    power it dissipates, the energy it stores, and the torque that its trail turns the steering wheel back with.
     """
     at = _contact(b, axle, road, i, y, steering, c, s)
     slip = _slip(b, axle, at, y[LONG + i], y[LATERAL + i])

@@ -28,14 +28,16 @@ from solver.vehicle.size import size_of
 # speeds, times and the lengths in limits() are those of a passenger car and grow with the vehicle (solver.vehicle.size)
 FAST = 33.0  # m/s
 FASTER = (45.0, 60.0)  # m/s, where what was found is looked at beside the vehicle
-BACKWARDS = (5.0, 10.0)  # m/s in reverse, where it is looked at too: trails are others there, and so is what they turn elastically
+# m/s in reverse, where it is looked at too: trails are others there, and so is what they turn elastically
+BACKWARDS = (5.0, 10.0)
 GENTLE, GENTLEST = 2.0, 0.2  # m/s^2 there, at most [1/s] times the speed
 LATERAL = 4.0  # m/s^2 that the steps are meant for
 RAMP = 12.0  # m/s^2 that the ramp would end at if nothing saturated
 COMBINED = 3.0  # m/s^2, along and across
 SATURATED = 7.0  # m/s^2: what is beyond weighs less and less
 UNDERSTEER = 0.003  # rad s^2/m that runs in bends are laid out with
-SCALES = {'curvature_y': 1.0, 'roll_steer': 0.1, 'axis': 0.1}  # of unknowns that may start at zero; the others are relative to their start
+# of unknowns that may start at zero; the others are relative to their start
+SCALES = {'curvature_y': 1.0, 'roll_steer': 0.1, 'axis': 0.1}
 SHORTEST = 0.1  # relaxation length, of that of the tires
 ERROR = 0.05  # of the peak: what the level is meant to keep, and its limits follow from
 
@@ -44,14 +46,22 @@ class Lateral:
     """The search for what the runs in bends tell; its unknowns are relative to their start, one each."""
 
     NAMES = (
-        *((axle, name) for axle in AXLES for name in ('stiffness_y', 'stiffness_load', 'peak_y', 'shape_y', 'curvature_y')),
+        *(
+            (axle, name)
+            for axle in AXLES
+            for name in ('stiffness_y', 'stiffness_load', 'peak_y', 'shape_y', 'curvature_y')
+        ),
         *((axle, name) for axle in AXLES for name in ('length_y', 'roll_steer')),
         *(('body', name) for name in ('coupling', 'roll_stiffness', 'roll_damping')),
         ('mounting', 'axis'),
     )
 
     def __init__(
-        self, scene: Scene, start: dict[str, dict[str, float]], inertia: np.ndarray, runs: list[tuple[Drive, IdentificationRun]]
+        self,
+        scene: Scene,
+        start: dict[str, dict[str, float]],
+        inertia: np.ndarray,
+        runs: list[tuple[Drive, IdentificationRun]],
     ) -> None:
         self.scene, self.given, self.inertia, self.runs = scene, start, inertia, runs
         lengths = {'axis': SCALES['axis'] * size_of(scene.model).length}
@@ -75,7 +85,8 @@ class Lateral:
         return found
 
     def residual(self, x: np.ndarray) -> np.ndarray:
-        """Errors of yaw rate, lateral velocity and roll, relative to their peaks, root mean square over each run; and the prior."""
+        """Errors of yaw rate, lateral velocity and roll, relative to their peaks, root mean square over each run; and
+        the prior."""
         tables = Ref(tables_of(self.parameters(x), self.scene))
         parts = [PRIOR * x]
         for (drive, run), weights in zip(self.runs, self.weights, strict=True):
@@ -85,8 +96,8 @@ class Lateral:
 
 
 def replay(tables: Ref, drive: Drive, run: IdentificationRun) -> tuple[np.ndarray, ...]:
-    """(yaw rate, lateral velocity, roll; lateral force and saturation of the front axle; pitch by load that moved and by the drive) of
-    the level, its tables by reference, under the inputs of a run, at its samples.
+    """(yaw rate, lateral velocity, roll; lateral force and saturation of the front axle; pitch by load that moved and
+    by the drive) of the level, its tables by reference, under the inputs of a run, at its samples.
     """
     y, w = rolling(tables.value, drive.speed), new_scratch()
     frame = Ref(new_frame(len(run.names)))
@@ -96,13 +107,20 @@ def replay(tables: Ref, drive: Drive, run: IdentificationRun) -> tuple[np.ndarra
     rows, m = np.empty((6, len(run.time))), tables.value.mounting
     for k in range(len(run.time)):
         advance(tables, y, inputs, index, u, k * EVERY, EVERY, False, run.h, 1, w, frame)
-        rows[:, k] = twist[5], twist[1], y[ROLL], told[FY], told[SATURATION], m.pitch_by_shift * y[SHIFT] + m.pitch_by_drive * y[DRIVE]
+        rows[:, k] = (
+            twist[5],
+            twist[1],
+            y[ROLL],
+            told[FY],
+            told[SATURATION],
+            m.pitch_by_shift * y[SHIFT] + m.pitch_by_drive * y[DRIVE],
+        )
     return tuple(rows)
 
 
 def feel(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, IdentificationRun]]) -> None:
-    """Add what the steering wheel feels, inertia, damping and the trail of the front axle, and the pitch that comes with roll, by least
-    squares of torque and pitch.
+    """Add what the steering wheel feels, inertia, damping and the trail of the front axle, and the pitch that comes
+    with roll, by least squares of torque and pitch.
     """
     columns: list[list[np.ndarray]] = [[], [], [], []]
     torque, rolled, pitched = [], [], []
@@ -123,7 +141,11 @@ def feel(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Driv
 
 
 def limits(
-    found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, IdentificationRun]], lock: IdentificationRun, model: ModelSpec
+    found: dict[str, dict[str, float]],
+    scene: Scene,
+    runs: list[tuple[Drive, IdentificationRun]],
+    lock: IdentificationRun,
+    model: ModelSpec,
 ) -> list[dict[str, Any]]:
     """Limits of the level, as fields of Limit: as far as it follows the ramp and the braking to ERROR, and those of
     effects that it leaves out."""
@@ -138,25 +160,43 @@ def limits(
     error = np.abs(replay(Ref(tables_of(found, scene)), braked_drive, braked)[0] - braked.yaw_rate)
     wrong = error > ERROR * np.abs(braked.yaw_rate).max()
     end = int(np.argmax(wrong)) if wrong.any() else len(wrong)
-    both = np.sqrt(np.abs((np.gradient(braked.vx, braked.time) - braked.vy * braked.yaw_rate) * braked.vx * braked.yaw_rate))
+    both = np.sqrt(
+        np.abs((np.gradient(braked.vx, braked.time) - braked.vy * braked.yaw_rate) * braked.vx * braked.yaw_rate)
+    )
     slips = []
     for i, axle in enumerate(AXLES):
         a = found[axle]
         share = np.maximum(lock.axle('fz')[:, i] / a['load'], 0.05)
         kappa = np.abs(0.5 * lock.axle('kappa')[:, i])
-        wanted = a['peak_x'] * characteristic(kappa * a['stiffness_x'] / (a['peak_x'] * share), a['shape_x'], a['curvature_x'])
+        wanted = a['peak_x'] * characteristic(
+            kappa * a['stiffness_x'] / (a['peak_x'] * share), a['shape_x'], a['curvature_x']
+        )
         error = np.abs(-lock.axle('fx')[:, i] / share - wanted)
         wrong = error > ERROR * a['peak_x']
         slips.append(float(kappa[: int(np.argmax(wrong))].max(initial=0.0)) if wrong.any() else float(kappa.max()))
     fastest, backwards = followed(found, scene, runs, model)
-    hop = min(mode.frequency for name, mode in named_modes(standing(dataclasses.replace(scene, model=model))).items() if 'hop' in name)
+    hop = min(
+        mode.frequency
+        for name, mode in named_modes(standing(dataclasses.replace(scene, model=model))).items()
+        if 'hop' in name
+    )
     identified_ = f'the runs it was identified from are followed to {100 * ERROR:g} % up to there'
     rows = (
         ('lateral acceleration', 'm/s^2', float(np.abs(lateral[: last + 1]).max()), identified_),
         ('slip angle', 'rad', float(np.abs(0.5 * run.axle('alpha')[last]).max()), identified_),
         ('slip', '', min(slips), identified_),
-        ('combined acceleration', 'm/s^2', float(both[:end].max(initial=0.0)), f'root of the product of both; {identified_}'),
-        ('frequency', 'Hz', math.sqrt(ERROR) * hop, f'wheels hop at {hop:.3g} Hz: what follows them at once is {100 * ERROR:g} % wrong'),
+        (
+            'combined acceleration',
+            'm/s^2',
+            float(both[:end].max(initial=0.0)),
+            f'root of the product of both; {identified_}',
+        ),
+        (
+            'frequency',
+            'Hz',
+            math.sqrt(ERROR) * hop,
+            f'wheels hop at {hop:.3g} Hz: what follows them at once is {100 * ERROR:g} % wrong',
+        ),
         ('friction difference', '', 0.1, 'both wheels of an axle are one'),
         ('road height', 'm', 0.005 * size.length, 'it drives on a plane'),
         ('road slope', '', 0.005, 'it drives on the level'),
@@ -168,15 +208,22 @@ def limits(
     if slowest is not None:
         low, why = (
             slowest,
-            f'{why}; slower, wings press down less by more than {100 * ERROR:g} % of the loads, which are those of {speed_of_loads:g} m/s',
+            f'{why}; slower, wings press down less by more than {100 * ERROR:g} % of the loads, which are those of '
+            f'{speed_of_loads:g} m/s',
         )
     speed = {'quantity': 'longitudinal_velocity', 'unit': 'm/s', 'low': low, 'high': fastest, 'why': why}
-    return [speed, *({'quantity': quantity, 'unit': unit, 'high': float(f'{high:.3g}'), 'why': why} for quantity, unit, high, why in rows)]
+    return [
+        speed,
+        *(
+            {'quantity': quantity, 'unit': unit, 'high': float(f'{high:.3g}'), 'why': why}
+            for quantity, unit, high, why in rows
+        ),
+    ]
 
 
 def slowest_pressed(loaded: float, weight: float, speed: float = SPEED) -> float | None:
-    """The speed [m/s] below which a car that wings press down, with the square of the speed, carries less by ERROR than what its axles are
-    loaded with at a speed, SPEED of its size, [N]; None for one that they hardly press."""
+    """The speed [m/s] below which a car that wings press down, with the square of the speed, carries less by ERROR than
+    what its axles are loaded with at a speed, SPEED of its size, [N]; None for one that they hardly press."""
     pressed = loaded - weight
     return speed * math.sqrt(1.0 - ERROR * loaded / pressed) if pressed > ERROR * loaded else None
 
@@ -184,8 +231,9 @@ def slowest_pressed(loaded: float, weight: float, speed: float = SPEED) -> float
 def followed(
     found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, IdentificationRun]], model: ModelSpec
 ) -> tuple[float, float]:
-    """The speeds [m/s], forward and in reverse, up to which the level follows a gentle step: FAST, where it is identified, or one of
-    FASTER, since a car next to neutral, or with wings, is soon another one; one of BACKWARDS, or none.
+    """The speeds [m/s], forward and in reverse, up to which the level follows a gentle step: FAST, where it is
+    identified, or one of FASTER, since a car next to neutral, or with wings, is soon another one; one of BACKWARDS, or
+    none.
     """
     ratio, wheelbase = steered(found), found['front']['x'] - found['rear']['x']
     _, run = runs[2]
@@ -232,8 +280,8 @@ def holding(parameters: dict[str, dict[str, float]], speed: float) -> float:
 
 
 def bends(start: dict[str, dict[str, float]], wheelbase: float, t: float = 1.0) -> list[Drive]:
-    """A ramp and a step at SPEED and a step at FAST, with the torque that keeps the speed straight on, and a step that is braked then; t:
-    time of the vehicle's size."""
+    """A ramp and a step at SPEED and a step at FAST, with the torque that keeps the speed straight on, and a step that
+    is braked then; t: time of the vehicle's size."""
     body, ratio = start['body'], steered(start)
 
     def wheel(lateral: float, speed: float) -> float:
@@ -242,10 +290,14 @@ def bends(start: dict[str, dict[str, float]], wheelbase: float, t: float = 1.0) 
     usual, fast = SPEED * t, FAST * t
     end = wheel(RAMP, usual)
     ramp = Ramp(slope=end / (6.0 * t), start=0.5 * t, final=end)
-    drives = [Drive(speed=usual, maneuver=Maneuver(steering=ramp, drive_torque=holding(start, usual)), duration=7.0 * t)]
+    drives = [
+        Drive(speed=usual, maneuver=Maneuver(steering=ramp, drive_torque=holding(start, usual)), duration=7.0 * t)
+    ]
     for speed in (usual, fast):
         step = Step(value=wheel(LATERAL, speed), start=0.5 * t, rise=0.15 * t)
-        drives.append(Drive(speed=speed, maneuver=Maneuver(steering=step, drive_torque=holding(start, speed)), duration=3.0 * t))
+        drives.append(
+            Drive(speed=speed, maneuver=Maneuver(steering=step, drive_torque=holding(start, speed)), duration=3.0 * t)
+        )
     brake = Step(value=COMBINED * body['mass'] * start['front']['radius'], start=2.0 * t, rise=0.2 * t)
     step = Step(value=wheel(COMBINED, usual), start=0.5 * t, rise=0.15 * t)
     return [*drives, Drive(speed=usual, maneuver=Maneuver(steering=step, brake_torque=brake), duration=4.0 * t)]

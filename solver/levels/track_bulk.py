@@ -28,18 +28,24 @@ def masses(model: ModelSpec) -> dict[str, Any]:
     inertia = np.zeros((3, 3))
     for b, R, p in placed:
         d = p - com
-        inertia += product(product(R, b.inertia_matrix()), R.T.copy()) + b.mass * (product(d, d) * np.eye(3) - d[:, None] * d)
+        inertia += product(product(R, b.inertia_matrix()), R.T.copy()) + b.mass * (
+            product(d, d) * np.eye(3) - d[:, None] * d
+        )
     return {'mass': mass, 'com': com, 'inertia': inertia}
 
 
 def turning(model: ModelSpec, speed: float) -> tuple[dict[str, float], float]:
-    """(inertia of both wheels of each axle, inertia of all else that turns with them), in kg m^2 of the mean spin of its axle.
+    """(inertia of both wheels of each axle, inertia of all else that turns with them), in kg m^2 of the mean spin of
+    its axle.
 
     From the kinetic energy of a vehicle that rolls straight on: nothing else turns then.
     """
     simulation = whole_vehicle(model, Drive(speed=speed, maneuver=Maneuver(), duration=1.0))
     state, spec = simulation.state, simulation.model.spec
-    energy = {b.name: float(product(product(w, b.inertia_matrix()), w)) for b, w in zip(spec.bodies, state.v[:-1, 3:], strict=True)}
+    energy = {
+        b.name: float(product(product(w, b.inertia_matrix()), w))
+        for b, w in zip(spec.bodies, state.v[:-1, 3:], strict=True)
+    }
     spin = float(np.mean(simulation.snapshot().tire[:, TIRE_COLUMNS.index('spin')]))
     own = dict.fromkeys(AXLES, 0.0)
     for tire in spec.tires:
@@ -56,7 +62,10 @@ def top_spin(model: ModelSpec, axle: str) -> float:
     """Spin at which the drive torque of an axle ends [rad/s], 0: never."""
     drives = [force for force in model.coordinate_forces if force.input == 'drive_torque']
     own = [force for force in drives if any(f'{axle}_{side}' in name for name, _ in force.terms for side in SIDES)]
-    return min((float(force.top_rate / abs(sum(factor for _, factor in force.terms))) for force in own if force.top_rate), default=0.0)
+    return min(
+        (float(force.top_rate / abs(sum(factor for _, factor in force.terms))) for force in own if force.top_rate),
+        default=0.0,
+    )
 
 
 def brakes(model: ModelSpec, axle: str) -> tuple[float, float]:
@@ -65,7 +74,9 @@ def brakes(model: ModelSpec, axle: str) -> tuple[float, float]:
     if not found:
         size = size_of(model)
         return 4e4 * size.torque, 200.0 * size.torque * size.time
-    return float(sum(b.stiffness for b in found)), float(sum(b.damping for b in found)) or 1e-3 * float(sum(b.stiffness for b in found))
+    return float(sum(b.stiffness for b in found)), float(sum(b.damping for b in found)) or 1e-3 * float(
+        sum(b.stiffness for b in found)
+    )
 
 
 def axis_of(wheel: RigidBodySpec, corner: str, model: ModelSpec) -> tuple[Any, Any]:

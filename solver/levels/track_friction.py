@@ -1,5 +1,5 @@
-"""Friction that changes along the road, beside the level `single_track`, which is identified on friction 1 and follows it down to a limit:
-how far below it the axles have been, and how far the run went there.
+"""Friction that changes along the road, beside the level `single_track`, which is identified on friction 1 and follows
+it down to a limit: how far below it the axles have been, and how far the run went there.
 
 On a road that is as slippery everywhere the limits themselves are smaller (solver.levels.single_track.on_friction). If
 only a part of it is, the slips and accelerations reached there count for so many times as much. It is looked at every
@@ -37,8 +37,8 @@ def varies(road: RoadSpec) -> bool:
 
 
 def note(t: SingleTrackTables, w: SingleTrackWork, y: np.ndarray, time: float, slippery: np.ndarray) -> None:
-    """Note in w.reached (of REACHED, value and time [s]) what the state y has reached by the friction under its axles, and in slippery (2,)
-    how far that is below 1 and when.
+    """Note in w.reached (of REACHED, value and time [s]) what the state y has reached by the friction under its axles,
+    and in slippery (2,) how far that is below 1 and when.
     """
     c, s = math.cos(y[YAW]), math.sin(y[YAW])
     base = min(1.0, float(t.road.friction[0]))

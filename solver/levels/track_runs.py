@@ -22,7 +22,8 @@ from solver.step.failure import LARGEST_TURN_PER_STEP
 from solver.step.settings import IntegratorSettings
 from solver.vehicle.size import size_of
 
-H = 2e-3  # s, of a passenger car, as all times and speeds of these runs: they grow with the vehicle (solver.vehicle.size)
+# s, of a passenger car, as all times and speeds of these runs: they grow with the vehicle (solver.vehicle.size)
+H = 2e-3
 PARTS = (1, 2, 4, 5, 8, 10)  # of H, in whole nanoseconds
 SPEED = 22.0  # m/s
 EVERY = 5  # steps between samples
@@ -67,17 +68,22 @@ def step_of(model: ModelSpec) -> float:
 
 
 def whole_vehicle(model: ModelSpec, drive: Drive) -> Simulation:
-    """The simulation of a run of the vehicle on a flat road. Its step is H, or a part of that in which no rotor behind a gear turns further
-    than a verdict wants of bodies."""
+    """The simulation of a run of the vehicle on a flat road. Its step is H, or a part of that in which no rotor behind
+    a gear turns further than a verdict wants of bodies."""
     h = step_of(model)
     scene = Scene(
-        name='identification', model=dataclasses.replace(model, road=RoadSpec()), maneuver=drive.maneuver, duration=drive.duration,
+        name='identification', model=dataclasses.replace(model, road=RoadSpec()), maneuver=drive.maneuver,
+        duration=drive.duration,
         start=StartSettings(kind='equilibrium', speed=drive.speed), integrator=IntegratorSettings(h=h, iterations=2),
     )  # fmt: skip
     simulation = Simulation(scene)
     turn = h * float(norms(simulation.state.v[:-1, 3:]).max())
     parts = next((n for n in PARTS if turn <= n * LARGEST_TURN_PER_STEP), PARTS[-1])
-    return simulation if parts == 1 else Simulation(dataclasses.replace(scene, integrator=IntegratorSettings(h=h / parts, iterations=2)))
+    return (
+        simulation
+        if parts == 1
+        else Simulation(dataclasses.replace(scene, integrator=IntegratorSettings(h=h / parts, iterations=2)))
+    )
 
 
 def driven(model: ModelSpec, drive: Drive) -> IdentificationRun:
@@ -99,7 +105,10 @@ def driven(model: ModelSpec, drive: Drive) -> IdentificationRun:
         inputs.append(simulation.applied[parts - 1 :: parts])
     if len(shots) < LEAST_SAMPLES:
         after = simulation.t_ns * 1e-9
-        raise SpecError(f'the vehicle as a whole fails after {after:.3g} s of a run at {drive.speed:g} m/s; see why with fidelity: full')
+        raise SpecError(
+            f'the vehicle as a whole fails after {after:.3g} s of a run at {drive.speed:g} m/s; see why with fidelity: '
+            'full'
+        )
     tires = np.array([s.tire[wheels] for s in shots])
     twist = np.array([s.twist[chassis] for s in shots])
     pose = np.array([s.pose[chassis] for s in shots])

@@ -90,7 +90,8 @@ def unrolled(v, ct, st, cr, sr):
 
 @kernel(inner=True)
 def show(t, y, rates, told, steering, u, frame):
-    """Assign the OutputArrays of a state: joints steering_wheel and the wheels in the order front left, right, rear left, right."""
+    """Assign the OutputArrays of a state: joints steering_wheel and the wheels in the order front left, right, rear
+    left, right."""
     m = t.mounting
     c = np.cos(y[YAW])
     s = np.sin(y[YAW])
@@ -116,7 +117,9 @@ def show(t, y, rates, told, steering, u, frame):
     frame.pose[0, 5] = hs * pc * rc - hc * ps * rs
     frame.pose[0, 6] = hc * pc * rc + hs * ps * rs
     v = unrolled((y[VX] - r * side, y[VY] + r * m.x + m.axis * y[ROLL_RATE], 0.0), ct, st, cr, sr)
-    pitching = m.pitch_by_shift * rates[SHIFT] + m.pitch_by_drive * rates[DRIVE] + 2.0 * m.pitch_by_roll * phi * y[ROLL_RATE]
+    pitching = (
+        m.pitch_by_shift * rates[SHIFT] + m.pitch_by_drive * rates[DRIVE] + 2.0 * m.pitch_by_roll * phi * y[ROLL_RATE]
+    )
     w = unrolled((0.0, pitching, r), ct, st, cr, sr)
     w = (w[0] + y[ROLL_RATE], w[1], w[2])
     # centre of mass of the chassis

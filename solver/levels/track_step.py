@@ -1,37 +1,43 @@
-"""The step of a nonlinear single-track model with roll: two axles on a plane, a body that rolls over them, wheels that turn.
+"""The step of a nonlinear single-track model with roll: two axles on a plane, a body that rolls over them, wheels that
+turn.
 
-Generalized velocities: vx, vy of the axis of roll at the centre of mass along and across the heading, yaw rate r, roll rate p (about
-the axis of roll), spin of both axles. With S = (sprung mass) x (its height over the axis of roll) and J the product of inertia of roll and
-yaw, the kinetic energy of the body is
+Generalized velocities: vx, vy of the axis of roll at the centre of mass along and across the heading, yaw rate r, roll
+rate p (about the axis of roll), spin of both axles. With S = (sprung mass) x (its height over the axis of roll) and J
+the product of inertia of roll and yaw, the kinetic energy of the body is
 
     T = m (vx^2 + vy^2) / 2 + Iz r^2 / 2 + Ix p^2 / 2 - S p vy + S phi r vx - J p r
 
-(the centre of mass stands S phi / m to the right of the axis). The equations are those of Boltzmann and Hamel for velocities along the
-heading, with P = dT/dv:
+(the centre of mass stands S phi / m to the right of the axis). The equations are those of Boltzmann and Hamel for
+velocities along the heading, with P = dT/dv:
 
     dPx/dt - r Py = Fx,  dPy/dt + r Px = Fy,  dPr/dt + vx Py - vy Px = Mz,  dPp/dt - S r vx = -k phi - c p
 
-so the energy T + k phi^2 / 2 changes by the power of the forces alone, whatever phi is. k is what springs, bars and gravity leave.
+so the energy T + k phi^2 / 2 changes by the power of the forces alone, whatever phi is. k is what springs, bars and
+gravity leave.
 
-Forces of an axle (suffix of its wheel plane): contact deflections u, v as in solver.elements.tire_pacejka ([Pacejka2012] 7.2, 8.6),
+Forces of an axle (suffix of its wheel plane): contact deflections u, v as in solver.elements.tire_pacejka
+([Pacejka2012] 7.2, 8.6),
 
     du/dt = -Vsx - |V| u / sigma_x      kappa = u / sigma_x        tan(alpha) = v / sigma_y
 
 and a characteristic of combined slip in the manner of the similarity method ([Pacejka2012] 4.3.1),
 
-    s = |(Kx kappa / Dx, Ky tan(alpha) / Dy)|     F = D f(s) s_i / s     f(s) = sin(C atan(X - E (X - atan(X)))),  X = s / C
+    s = |(Kx kappa / Dx, Ky tan(alpha) / Dy)|     F = D f(s) s_i / s     f(s) = sin(C atan(X - E (X - atan(X)))),  X = s
+                                                  / C
 
-with f'(0) = 1; C and E go from their values along to those across with the square of the direction of slip. D is proportional to the
-load of the axle and the friction of the road, Ky grows with the load. Steering turns the front axle, and in proportion to it a rear one
-that follows; roll turns both (roll steer). The point of contact stands the trail n behind the axis of steering, so the steering wheel
-feels n Fy; in reverse that of the tires, the part of n that large slip takes, is in front of it. The load that goes to the rear under
-acceleration follows it with a lag; the body pitches with it, with what lifts it where torque acts through the suspension otherwise than
-under brakes, with the same lag, and with the square of its roll. The brake is a slider in series with a spring whose wind-up b follows
-Dahl's law db/dt = w - |w| k b / T, which has no singularity at rest. Rolling resistance stands by the give of the treads
+with f'(0) = 1; C and E go from their values along to those across with the square of the direction of slip. D is
+proportional to the load of the axle and the friction of the road, Ky grows with the load. Steering turns the front
+axle, and in proportion to it a rear one that follows; roll turns both (roll steer). The point of contact stands the
+trail n behind the axis of steering, so the steering wheel feels n Fy; in reverse that of the tires, the part of n that
+large slip takes, is in front of it. The load that goes to the rear under acceleration follows it with a lag; the body
+pitches with it, with what lifts it where torque acts through the suspension otherwise than under brakes, with the same
+lag, and with the square of its roll. The brake is a slider in series with a spring whose wind-up b follows Dahl's law
+db/dt = w - |w| k b / T, which has no singularity at rest. Rolling resistance stands by the give of the treads
 (solver.elements.tread).
 
-Method: ROS2 [Verwer1999], two stages, second order with any matrix A, L-stable where A is the derivative: A has the stiff parts alone, the
-spin, longitudinal deflection and wind-up of each axle, its lateral deflection and the lag of the load.
+Method: ROS2 [Verwer1999], two stages, second order with any matrix A, L-stable where A is the derivative: A has the
+stiff parts alone, the spin, longitudinal deflection and wind-up of each axle, its lateral deflection and the lag of the
+load.
 """
 
 from __future__ import annotations
@@ -102,7 +108,9 @@ def evaluate(t, y, steering, drive, brake, rates, stiff, told):
     told[FRICTION_GAP] = 0.0
     ahead = _limited(drive, y[SPIN], t.front.top_spin)
     behind = _limited(drive, y[SPIN + 1], t.rear.top_spin)
-    fx, fy, mz, contact, braked, stored, back = axle_forces(b, t.front, t.road, 0, y, steering, ahead, brake, c, s, rates, stiff, told)
+    fx, fy, mz, contact, braked, stored, back = axle_forces(
+        b, t.front, t.road, 0, y, steering, ahead, brake, c, s, rates, stiff, told
+    )
     gx, gy, nz, contact_2, braked_2, stored_2, back_2 = axle_forces(
         b, t.rear, t.road, 1, y, steering, behind, brake, c, s, rates, stiff, told
     )
@@ -154,7 +162,9 @@ def evaluate(t, y, steering, drive, brake, rates, stiff, told):
     turned *= steering.rate
     rolled = b.roll_damping * p * p
     dragged = drag * speed * speed
-    rates[LOSS] = contact + contact_2 + braked + braked_2 + turned + rolled + dragged - driving - front_drive - rear_drive
+    rates[LOSS] = (
+        contact + contact_2 + braked + braked_2 + turned + rolled + dragged - driving - front_drive - rear_drive
+    )
     rates[GROSS] = (
         abs(contact) + abs(contact_2) + abs(braked) + abs(braked_2) + turned + rolled + dragged
         + abs(driving) + abs(front_drive) + abs(rear_drive)
@@ -202,7 +212,8 @@ def _steering(before, after, x, h):
 
 @kernel(inner=True)
 def step(t, y, before, after, drive, brake, h, parts, w):
-    """Advance the state y by a step h in so many equal parts; returns whether all is finite (y is as it was otherwise)."""
+    """Advance the state y by a step h in so many equal parts; returns whether all is finite (y is as it was
+    otherwise)."""
     part = h / parts
     gh = GAMMA * part
     for i in range(SIZE):
@@ -253,9 +264,9 @@ def start(t, y, u, index, w, frame):
 def advance(t, y, inputs, index, u_before, first, count, audit, h, parts, w, frame):
     """Advance the state y by count steps h with rows first.. of inputs (n, nu); a single row holds for all.
 
-    index: columns of steering angle, rate and acceleration, drive and brake torque. u_before (nu,): inputs of the step before, then
-    of the last. audit: keep the account. Returns (0, the steps done), or (1, index of an input that is not finite), or (2, steps
-    done before one whose result is not finite).
+    index: columns of steering angle, rate and acceleration, drive and brake torque. u_before (nu,): inputs of the step
+    before, then of the last. audit: keep the account. Returns (0, the steps done), or (1, index of an input that is not
+    finite), or (2, steps done before one whose result is not finite).
     """
     held = inputs.shape[0] == 1
     for k in range(first, first + count):

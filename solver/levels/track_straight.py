@@ -25,21 +25,26 @@ SLOW = 3.0  # m/s: runs straight on are looked at above
 SLIP = 0.15  # of the brakes: up to there the characteristic along is fitted
 LEAST_SHARE = 0.02  # of the drive torque: less is none
 CREPT, NEAR = 0.12, 1e-3  # rad/s, of the road wheels at least while creeping; rad, of the steering wheel for its gear
-TURNED = 0.45  # rad of the front wheels up to which the gear of the steering is fitted: next to its stops a linkage gains on it
-LEAST_STEERED = 0.02  # of the angle of the front wheels: creeping, forces turn the rear ones by less than a hundredth of that
+# rad of the front wheels up to which the gear of the steering is fitted: next to its stops a linkage gains on it
+TURNED = 0.45
+# of the angle of the front wheels: creeping, forces turn the rear ones by less than a hundredth of that
+LEAST_STEERED = 0.02
 PULL = 2.5  # s of the run that is driven, up to ROOM of the speed where a limiter begins
 ROOM = 0.95
 LAGS = tuple(0.02 * 1.05**k for k in range(60))  # s
 
 
 def gear(model: ModelSpec) -> tuple[float, float, float]:
-    """(ratio, ratio_3, behind): mean angle of the front wheels = ratio s + ratio_3 s^3 of the steering wheel, creeping; that of the rear
-    wheels over it, straight ahead, 0 where nothing but forces turns these."""
+    """(ratio, ratio_3, behind): mean angle of the front wheels = ratio s + ratio_3 s^3 of the steering wheel, creeping;
+    that of the rear wheels over it, straight ahead, 0 where nothing but forces turns these."""
     t, turned_by = size_of(model).time, gear_of(model)
     slope = min(1.0, turned_by * CREPT) / t
-    run = driven(model, Drive(speed=2.0 * t, maneuver=Maneuver(steering=Ramp(slope=slope, start=0.5 * t)), duration=6.0 * t))
+    run = driven(
+        model, Drive(speed=2.0 * t, maneuver=Maneuver(steering=Ramp(slope=slope, start=0.5 * t)), duration=6.0 * t)
+    )
     q = [run.tire[name] for name in ('qx', 'qy', 'qz', 'qw')]
-    chassis, whole_turn = heading(*run.pose.T), np.full(len(run.time), 2.0 * math.pi)  # headings jump where a car looks back
+    # headings jump where a car looks back
+    chassis, whole_turn = heading(*run.pose.T), np.full(len(run.time), 2.0 * math.pi)
     turned = [each(math.remainder, heading(*(c[:, k] for c in q)) - chassis, whole_turn) for k in range(4)]
     ahead, behind = (0.5 * (turned[k] + turned[k + 1]) for k in (0, 2))
     s = run.inputs[EVERY - 1 :: EVERY, run.names.index('steering')]
@@ -51,8 +56,8 @@ def gear(model: ModelSpec) -> tuple[float, float, float]:
 
 
 def gear_of(model: ModelSpec) -> float:
-    """Angle of the steering wheel over that of the road wheels in the design position, of a vehicle that is no passenger car in size;
-    infinite for one: its gear lets it turn as far as these runs do."""
+    """Angle of the steering wheel over that of the road wheels in the design position, of a vehicle that is no
+    passenger car in size; infinite for one: its gear lets it turn as far as these runs do."""
     if size_of(model).ordinary:
         return math.inf
     steers = Rig(model).steering([-NEAR, NEAR])
@@ -61,7 +66,8 @@ def gear_of(model: ModelSpec) -> float:
 
 
 def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]], dict[str, float], IdentificationRun]:
-    """(parameters of both axles, of body and mounting) that runs straight on tell, and the run that ended with locked wheels."""
+    """(parameters of both axles, of body and mounting) that runs straight on tell, and the run that ended with locked
+    wheels."""
     t = size_of(model).time
     wheels, rest = turning(model, SPEED * t)
     R0 = {t.name.partition('_')[0]: t.data.values['UNLOADED_RADIUS'] for t in model.tires}
@@ -69,18 +75,29 @@ def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]]
     pull, begin = below(fastest(model, R0), t)
     steps = {
         'push': Drive(
-            speed=begin, maneuver=Maneuver(drive_torque=Step(value=pull * torque, start=0.5 * t, rise=0.1 * t)), duration=(0.5 + PULL) * t
+            speed=begin,
+            maneuver=Maneuver(drive_torque=Step(value=pull * torque, start=0.5 * t, rise=0.1 * t)),
+            duration=(0.5 + PULL) * t,
         ),
         'stop': Drive(
-            speed=SPEED * t, maneuver=Maneuver(brake_torque=Step(value=BRAKING * torque, start=0.5 * t, rise=0.1 * t)), duration=4.0 * t
+            speed=SPEED * t,
+            maneuver=Maneuver(brake_torque=Step(value=BRAKING * torque, start=0.5 * t, rise=0.1 * t)),
+            duration=4.0 * t,
         ),
-        'lock': Drive(speed=35.0 * t, maneuver=Maneuver(brake_torque=Ramp(slope=4.0 * torque / t, start=0.2 * t)), duration=5.0 * t),
+        'lock': Drive(
+            speed=35.0 * t,
+            maneuver=Maneuver(brake_torque=Ramp(slope=4.0 * torque / t, start=0.2 * t)),
+            duration=5.0 * t,
+        ),
     }
     free = driven(model, Drive(speed=SPEED * t, maneuver=Maneuver(), duration=0.6 * t))
     slower = free if begin == SPEED * t else driven(model, Drive(speed=begin, maneuver=Maneuver(), duration=0.6 * t))
     push, stop, lock = (driven(model, drive) for drive in steps.values())
     # Coasting it is slowed down, so its loads and its pitch are not those that no force leaves.
-    coasting, rolling = float(np.mean(free.axle('fx').sum(axis=1))), [float(np.mean(free.axle('fz')[:, i])) for i in range(2)]
+    coasting, rolling = (
+        float(np.mean(free.axle('fx').sum(axis=1))),
+        [float(np.mean(free.axle('fz')[:, i])) for i in range(2)],
+    )
     steady = (stop.time > 1.0 * t) & (stop.vx > SLOW * t)
     moved, force = stop.axle('fz')[:, 1] - rolling[1], stop.axle('fx').sum(axis=1) - coasting
     height = float(fitted([force[steady]], moved[steady])[0])
@@ -113,7 +130,8 @@ def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]]
         axles[axle]['inertia'] += part * rest
         lever, inertia = axles[axle]['radius'], axles[axle]['inertia']
         axles[axle]['drive'] = share(push, 'drive_torque', i, lever, inertia, t)
-        axles[axle]['brake'] = share(stop, 'brake_torque', i, lever, -inertia, t)  # which slow down rotors and shafts too
+        # which slow down rotors and shafts too
+        axles[axle]['brake'] = share(stop, 'brake_torque', i, lever, -inertia, t)
     level = float(np.mean(pitch_of(free)))
     by_shift = float(fitted([moved[steady]], (pitch_of(stop) - level)[steady])[0])
     return (
@@ -131,13 +149,14 @@ def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]]
 
 
 def fastest(model: ModelSpec, R0: dict[str, float]) -> float:
-    """The speed [m/s] up to which no limiter takes anything of the drive torque; R0: unloaded radii of the axles [m]."""
+    """The speed [m/s] up to which no limiter takes anything of the drive torque; R0: unloaded radii of the axles
+    [m]."""
     return min((LIMITER_FROM * top * R0[axle] for axle in AXLES if (top := top_spin(model, axle))), default=math.inf)
 
 
 def below(limit: float, t: float = 1.0) -> tuple[float, float]:
-    """(acceleration [m/s^2], speed [m/s] at its start) of a run for PULL that stays below ROOM of a speed `limit` [m/s]: DRIVING and SPEED,
-    or less where a limiter is in the way; t: time of the vehicle's size."""
+    """(acceleration [m/s^2], speed [m/s] at its start) of a run for PULL that stays below ROOM of a speed `limit`
+    [m/s]: DRIVING and SPEED, or less where a limiter is in the way; t: time of the vehicle's size."""
     pull = min(DRIVING, 0.5 * ROOM * limit / (PULL * t))
     return pull, min(SPEED * t, ROOM * limit - PULL * t * pull)
 
@@ -153,7 +172,8 @@ def by_drive(push: IdentificationRun, free: IdentificationRun, by_shift: float, 
 
 
 def along(run: IdentificationRun, i: int, load: float, t: float) -> tuple[float, float, float]:
-    """(stiffness [N], peak [N], shape) of an axle's force against slip, from a run that brakes more and more, up to SLIP."""
+    """(stiffness [N], peak [N], shape) of an axle's force against slip, from a run that brakes more and more, up to
+    SLIP."""
     slip = -0.5 * run.axle('kappa')[:, i]
     used = (slip > 0.0) & (slip < SLIP) & (run.vx > SLOW * t)
     share = np.maximum(run.axle('fz')[:, i] / load, 0.05)[used]
@@ -177,7 +197,8 @@ def characteristic(s: np.ndarray, C: float, E: float) -> np.ndarray:
 
 
 def share(run: IdentificationRun, given: str, i: int, lever: float, inertia: float, t: float) -> float:
-    """Share of the torque `given` that the balance of an axle's spin shows; the inertia counts with the sign of the torque."""
+    """Share of the torque `given` that the balance of an axle's spin shows; the inertia counts with the sign of the
+    torque."""
     u = run.inputs[EVERY - 1 :: EVERY, run.names.index(given)]
     late = (run.time > 1.0 * t) & (run.vx > min(SLOW * t, float(run.vx[0]))) & (u > 0.0)
     spinning = np.gradient(run.spin[:, i], run.time)

@@ -1,7 +1,7 @@
 """Operations on 6x6 blocks as vector code: products, substitution, inversion, and the sums that fill a step matrix.
 
-A block is stored in six rows of WIDTH numbers, one SIMD vector each, the last two zero. numba has no type for such a vector, so these
-are intrinsics that emit it.
+A block is stored in six rows of WIDTH numbers, one SIMD vector each, the last two zero. numba has no type for such a
+vector, so these are intrinsics that emit it.
 """
 
 from __future__ import annotations
@@ -34,18 +34,24 @@ def _six(context, builder, array_type, array, block, row):
     offset = builder.add(builder.mul(block, ir.Constant(word, 36)), ir.Constant(word, 6 * row))
     data = builder.gep(context.make_array(array_type)(context, builder, array).data, [offset])
     numbers = builder.load(builder.bitcast(data, ir.PointerType(six)), align=8)
-    return builder.shuffle_vector(numbers, ir.Constant(six, None), ir.Constant(ir.VectorType(lane, WIDTH), list(range(WIDTH))))
+    return builder.shuffle_vector(
+        numbers, ir.Constant(six, None), ir.Constant(ir.VectorType(lane, WIDTH), list(range(WIDTH)))
+    )
 
 
 def _spread(builder, number):
     """A vector of copies of a number."""
     vector = ir.VectorType(ir.DoubleType(), WIDTH)
-    return _splat(builder, builder.insert_element(ir.Constant(vector, ir.Undefined), number, ir.Constant(ir.IntType(32), 0)), 0)
+    return _splat(
+        builder, builder.insert_element(ir.Constant(vector, ir.Undefined), number, ir.Constant(ir.IntType(32), 0)), 0
+    )
 
 
 def _fma(builder, vector):
     """LLVM's fused multiply-add of vectors of WIDTH doubles."""
-    return cgutils.get_or_insert_function(builder.module, ir.FunctionType(vector, [vector] * 3), f'llvm.fma.v{WIDTH}f64')
+    return cgutils.get_or_insert_function(
+        builder.module, ir.FunctionType(vector, [vector] * 3), f'llvm.fma.v{WIDTH}f64'
+    )
 
 
 def _load_row(builder, pointer):
@@ -69,7 +75,8 @@ def _product(builder, left, right, start, sign):
 
 
 def _block_operation(sign):
-    """Intrinsic: sign = -1 for B[c] -= B[a] B[d], +1 for B[c] = B[a] B[d] (c may equal a). B is (n, 6, WIDTH) float64."""
+    """Intrinsic: sign = -1 for B[c] -= B[a] B[d], +1 for B[c] = B[a] B[d] (c may equal a). B is (n, 6, WIDTH)
+    float64."""
 
     @intrinsic
     def operation(typing_context, B, c, a, d):
@@ -112,7 +119,8 @@ def _sums(builder, rows):
 
 
 def _substitution(with_diagonal):
-    """Intrinsic: x[p] -= sum over a in first..last of B[slot[a]] x[node[a]], then x[p] = B[d] x[p] when `with_diagonal`."""
+    """Intrinsic: x[p] -= sum over a in first..last of B[slot[a]] x[node[a]], then x[p] = B[d] x[p] when
+    `with_diagonal`."""
 
     @intrinsic
     def substitution(typing_context, B, slot, node, first, last, x, p, d):
@@ -123,7 +131,9 @@ def _substitution(with_diagonal):
             fma = _fma(builder, vector)
 
             def entry(position, at):  # of an index array
-                return builder.load(builder.gep(context.make_array(types_[position])(context, builder, args[position]).data, [at]))
+                return builder.load(
+                    builder.gep(context.make_array(types_[position])(context, builder, args[position]).data, [at])
+                )
 
             def unknown(n):
                 return _vector_pointer(context, builder, types_[5], x_, builder.mul(n, ir.Constant(word, WIDTH)))
@@ -164,7 +174,9 @@ def add_weighted_product(typing_context, B, s, X, a, Y, b, W, first):
         fma = _fma(builder, vector)
 
         weights = context.make_array(kinds[6])(context, builder, W_).data
-        left = builder.gep(context.make_array(kinds[2])(context, builder, X_).data, [builder.mul(a_, ir.Constant(word, 36))])
+        left = builder.gep(
+            context.make_array(kinds[2])(context, builder, X_).data, [builder.mul(a_, ir.Constant(word, 36))]
+        )
         targets = [_row_pointer(context, builder, kinds[0], B_, s_, ir.Constant(word, i)) for i in range(6)]
         rows = [_load_row(builder, target) for target in targets]
         for r in range(6):
@@ -195,7 +207,9 @@ def _rotated(with_damping):
             C_, s_, X_, t_, T_, n_, q_, Y_, v_ = args
             vector = ir.VectorType(ir.DoubleType(), WIDTH)
             fma = _fma(builder, vector)
-            turn = builder.gep(context.make_array(kinds[4])(context, builder, T_).data, [builder.mul(n_, ir.Constant(word, 9))])
+            turn = builder.gep(
+                context.make_array(kinds[4])(context, builder, T_).data, [builder.mul(n_, ir.Constant(word, 9))]
+            )
             turned = []
             for i in range(3):
                 columns = ir.Constant(vector, None)
@@ -246,7 +260,9 @@ def add_scaled_rows(typing_context, f, b, sign, weights, first, count, J, e):
         total = cgutils.alloca_once_value(builder, builder.load(target, align=8))
         with cgutils.for_range(builder, count_, intp=word) as loop:
             factor = builder.fmul(sign_, builder.load(builder.gep(weight, [builder.add(first_, loop.index)])))
-            factors = builder.shuffle_vector(builder.insert_element(undefined, factor, ir.Constant(ir.IntType(32), 0)), undefined, lanes)
+            factors = builder.shuffle_vector(
+                builder.insert_element(undefined, factor, ir.Constant(ir.IntType(32), 0)), undefined, lanes
+            )
             row = numbers(kinds[6], J_, builder.add(base, builder.mul(loop.index, ir.Constant(word, 6))))
             builder.store(builder.call(fma, [factors, builder.load(row, align=8), builder.load(total)]), total)
         builder.store(builder.load(total), target, align=8)
@@ -258,7 +274,8 @@ def add_scaled_rows(typing_context, f, b, sign, weights, first, count, J, e):
 
 @intrinsic
 def subtract_weighted_rows(typing_context, x, b, J, e, t, first):
-    """x[b] -= sum over the six rows r of t[first + r] J[e, r]; x is (n, WIDTH), J (m, 6, 6), t goes on for six more numbers."""
+    """x[b] -= sum over the six rows r of t[first + r] J[e, r]; x is (n, WIDTH), J (m, 6, 6), t goes on for six more
+    numbers."""
 
     def generate(context, builder, signature, args):
         kinds, word = signature.args, ir.IntType(64)
@@ -269,7 +286,9 @@ def subtract_weighted_rows(typing_context, x, b, J, e, t, first):
         out = _load_row(builder, target)
         for r in range(6):
             weight = builder.fneg(builder.load(builder.gep(weights, [ir.Constant(word, r)])))
-            out = builder.call(_fma(builder, vector), [_spread(builder, weight), _six(context, builder, kinds[2], J_, e_, r), out])
+            out = builder.call(
+                _fma(builder, vector), [_spread(builder, weight), _six(context, builder, kinds[2], J_, e_, r), out]
+            )
         builder.store(out, target, align=8)
         return context.get_dummy_value()
 
@@ -278,13 +297,18 @@ def subtract_weighted_rows(typing_context, x, b, J, e, t, first):
 
 @intrinsic
 def add_row_products(typing_context, t, first, J, e, x, b):
-    """t[first + r] += J[e, r] . x[b] for six rows r; J is (m, 6, WIDTH), x (n, WIDTH), t goes on for eight more numbers."""
+    """t[first + r] += J[e, r] . x[b] for six rows r; J is (m, 6, WIDTH), x (n, WIDTH), t goes on for eight more
+    numbers."""
 
     def generate(context, builder, signature, args):
         kinds, word = signature.args, ir.IntType(64)
         t_, first_, J_, e_, x_, b_ = args
-        y = _load_row(builder, _vector_pointer(context, builder, kinds[4], x_, builder.mul(b_, ir.Constant(word, WIDTH))))
-        rows = [_load_row(builder, _row_pointer(context, builder, kinds[2], J_, e_, ir.Constant(word, r))) for r in range(6)]
+        y = _load_row(
+            builder, _vector_pointer(context, builder, kinds[4], x_, builder.mul(b_, ir.Constant(word, WIDTH)))
+        )
+        rows = [
+            _load_row(builder, _row_pointer(context, builder, kinds[2], J_, e_, ir.Constant(word, r))) for r in range(6)
+        ]
         target = _vector_pointer(context, builder, kinds[0], t_, first_)
         products = _sums(builder, [builder.fmul(row, y) for row in rows])
         builder.store(builder.fadd(_load_row(builder, target), products), target, align=8)
@@ -295,10 +319,12 @@ def add_row_products(typing_context, t, first, J, e, x, b):
 
 @intrinsic
 def invert(typing_context, B, s):
-    """B[s] = inverse of B[s] in place, by Gauss-Jordan elimination in registers; returns the smallest |pivot / diagonal|.
+    """B[s] = inverse of B[s] in place, by Gauss-Jordan elimination in registers; returns the smallest |pivot /
+    diagonal|.
 
-    No pivoting: the diagonal blocks that reach it are M plus stiffness plus penalties, or A S^-1 A^T plus a regularisation, whose
-    symmetric parts are positive; a ratio near round-off says where that fails. NaN where a pivot is zero.
+    No pivoting: the diagonal blocks that reach it are M plus stiffness plus penalties, or A S^-1 A^T plus a
+    regularisation, whose symmetric parts are positive; a ratio near round-off says where that fails. NaN where a pivot
+    is zero.
     """
 
     def generate(context, builder, signature, args):

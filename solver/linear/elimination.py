@@ -1,9 +1,10 @@
 """Block-sparse LU without a runtime symbolic phase: the elimination is planned once per model.
 
-Nodes are bodies (n x n form) or bodies and constraint groups (block form). Every block is 6x6, stored in rows of eight (one SIMD
-vector); groups with fewer rows are padded by the identity. Ordering: minimum degree ([Tinney1967] scheme 2, on the quotient graph
-[George1989]); in the block form a group becomes eligible only after one of its bodies, so its pivot is the well-conditioned A S^-1 A^T
-instead of the tiny regularisation. Bodies without mass or inertia have no pivot of their own and follow all of their groups.
+Nodes are bodies (n x n form) or bodies and constraint groups (block form). Every block is 6x6, stored in rows of eight
+(one SIMD vector); groups with fewer rows are padded by the identity. Ordering: minimum degree ([Tinney1967] scheme 2,
+on the quotient graph [George1989]); in the block form a group becomes eligible only after one of its bodies, so its
+pivot is the well-conditioned A S^-1 A^T instead of the tiny regularisation. Bodies without mass or inertia have no
+pivot of their own and follow all of their groups.
 """
 
 from __future__ import annotations
@@ -41,8 +42,9 @@ def plan_elimination(
 ) -> Elimination:
     """Choose the pivot order and list all block operations.
 
-    slots: (row, column) -> slot of the assembled blocks; the pattern is made symmetric, fill is appended after the largest slot.
-    wait_for: node -> nodes of which at least one must be eliminated before it; follow: node -> nodes that all must.
+    slots: (row, column) -> slot of the assembled blocks; the pattern is made symmetric, fill is appended after the
+    largest slot. wait_for: node -> nodes of which at least one must be eliminated before it; follow: node -> nodes that
+    all must.
     """
     slots = dict(slots)
     first_free = max(slots.values()) + 1 - len(slots)
@@ -115,7 +117,8 @@ def plan_elimination(
     as_array = lambda values: np.array(values, np.int64)  # noqa: E731
     return Elimination(
         as_array(node), as_array(diagonal), as_array(start), as_array(neighbour), as_array(lower), as_array(upper),
-        as_array(update_start), as_array(update), as_array(row_start), as_array([p for p, _ in row]), as_array([s for _, s in row]),
+        as_array(update_start), as_array(update), as_array(row_start), as_array([p for p, _ in row]),
+        as_array([s for _, s in row]),
         as_array([first_free + len(slots)]),
     )  # fmt: skip
 
@@ -145,7 +148,8 @@ def factorize(plan, B, T):
 
 @kernel(borrow=True)
 def solve(plan, B, x):
-    """Solve with the factorized blocks; x (n_nodes, WIDTH) holds the right-hand side, then the solution; its padding is zero."""
+    """Solve with the factorized blocks; x (n_nodes, WIDTH) holds the right-hand side, then the solution; its padding is
+    zero."""
     n = plan.node.shape[0]
     for k in range(n):
         forward(B, plan.row_slot, plan.row_node, plan.row_start[k], plan.row_start[k + 1], x, plan.node[k], 0)

@@ -40,20 +40,25 @@ from solver.model.tables import (
     Tables,
 )
 
-PENALTY_MASS_FLOOR = 1e-4  # of the mean mass; keeps 1/(a M^-1 a^T) away from zero for (nearly) massless bodies and point masses
+# of the mean mass; keeps 1/(a M^-1 a^T) away from zero for (nearly) massless bodies and point masses
+PENALTY_MASS_FLOOR = 1e-4
 
 MASSLESS = 1e-12  # of the largest mass or moment of inertia in the model
 THIN = 1e-9  # of the largest moment of inertia: bodies that turn about an axis with less have a floor there too
 
 
 def joint_coordinates(joint: JointSpec) -> list[CoordinateSpec]:
-    """Coordinates that a joint defines: revolute and prismatic one named after it, cylindrical '/angle' and '/slide'."""
+    """Coordinates that a joint defines: revolute and prismatic one named after it, cylindrical '/angle' and
+    '/slide'."""
     kinds: dict[str, list[tuple[str, Literal['translation', 'rotation']]]] = {
         'revolute': [('', 'rotation')],
         'prismatic': [('', 'translation')],
         'cylindrical': [('/angle', 'rotation'), ('/slide', 'translation')],
     }
-    return [CoordinateSpec(name=joint.name + end, kind=kind, i=joint.i, j=joint.j) for end, kind in kinds.get(joint.kind, [])]
+    return [
+        CoordinateSpec(name=joint.name + end, kind=kind, i=joint.i, j=joint.j)
+        for end, kind in kinds.get(joint.kind, [])
+    ]
 
 
 class _Context:
@@ -208,7 +213,9 @@ def compile_model(spec: ModelSpec) -> Model:
         for b in members & follow.keys():
             follow[b].add(group)
     wait_for = {group: heavy for group, members in wait_for.items() if (heavy := members - follow.keys())}
-    inverse_mass, inverse_inertia = _floored_inverses(bodies, [elements[kind.name] for kind in CONSTRAINTS], length_of(spec))
+    inverse_mass, inverse_inertia = _floored_inverses(
+        bodies, [elements[kind.name] for kind in CONSTRAINTS], length_of(spec)
+    )
     tables = Ref(
         Tables(
             forces=forces,
@@ -250,8 +257,11 @@ def compile_model(spec: ModelSpec) -> Model:
     )
 
 
-def _compile_constraints(context: _Context, elements: dict[str, Ref]) -> tuple[np.ndarray, list[np.ndarray], EffortTable]:
-    """(constraint_kinds of Tables without addresses, rows of ConstraintTable.driven of every kind, drives); adds the tables to elements."""
+def _compile_constraints(
+    context: _Context, elements: dict[str, Ref]
+) -> tuple[np.ndarray, list[np.ndarray], EffortTable]:
+    """(constraint_kinds of Tables without addresses, rows of ConstraintTable.driven of every kind, drives); adds the
+    tables to elements."""
     kinds = np.zeros((len(CONSTRAINTS), 4), np.int64)
     driven = []
     drives: list[tuple[int, int, float]] = []
@@ -260,7 +270,9 @@ def _compile_constraints(context: _Context, elements: dict[str, Ref]) -> tuple[n
         before = len(context.groups.names)
         table = kind.compile(specs, context)
         if len(context.groups.names) != before + len(specs):
-            raise TypeError(f'kind {kind.name!r}: {kind.compile.__name__} must number the rows of every element once (context.rows)')
+            raise TypeError(
+                f'kind {kind.name!r}: {kind.compile.__name__} must number the rows of every element once (context.rows)'
+            )
         elements[kind.name] = Ref(table)
         row[CONSTRAINT_TABLE] = elements[kind.name].pointer
         row[CONSTRAINT_ON_COORDINATES] = kind.on_coordinates
@@ -269,12 +281,18 @@ def _compile_constraints(context: _Context, elements: dict[str, Ref]) -> tuple[n
             driven.append(np.column_stack([table.row, table.input[:, 1:]])[follows])
             if kind.on_coordinates:
                 for e in np.flatnonzero(follows):
-                    drives += [(int(table.row[e]), int(table.coordinate[e, t]), float(table.factor[e, t])) for t in range(table.terms[e])]
+                    drives += [
+                        (int(table.row[e]), int(table.coordinate[e, t]), float(table.factor[e, t]))
+                        for t in range(table.terms[e])
+                    ]
     return kinds, driven, _effort_table(drives)
 
 
-def _compile_forces(context: _Context, elements: dict[str, Ref], drives: EffortTable) -> tuple[np.ndarray, EffortTable, tuple[int, ...]]:
-    """(forces of Tables without addresses, efforts, bodies whose motion internal states depend on); adds the tables to elements."""
+def _compile_forces(
+    context: _Context, elements: dict[str, Ref], drives: EffortTable
+) -> tuple[np.ndarray, EffortTable, tuple[int, ...]]:
+    """(forces of Tables without addresses, efforts, bodies whose motion internal states depend on); adds the tables to
+    elements."""
     forces = np.zeros((len(FORCES), 8), np.int64)
     efforts = []
     driven = _driven_alone(drives)
@@ -305,7 +323,11 @@ def _effort_table(rows: list[tuple[int, int, float]]) -> EffortTable:
 
 def _driven_alone(drives: EffortTable) -> set[int]:
     """Coordinates that a driver prescribes one by one: what forces do there is in its effort, with the other sign."""
-    return {int(k) for row, k in zip(drives.output, drives.coordinate, strict=True) if np.count_nonzero(drives.output == row) == 1}
+    return {
+        int(k)
+        for row, k in zip(drives.output, drives.coordinate, strict=True)
+        if np.count_nonzero(drives.output == row) == 1
+    }
 
 
 def _efforts(kind: ForceKind, table: Any, start: int) -> list[tuple[int, int, float]]:
@@ -332,9 +354,9 @@ def _massless(bodies) -> list[int]:
 def _floored_inverses(bodies, constraints: Sequence[Any], length: float) -> tuple[np.ndarray, np.ndarray]:
     """1/mass (nb,) and inverse inertia (nb, 3, 3) with floors, of a model of that length [m].
 
-    The floor of the inertia is a fraction of the mean of inertia and mass * (lever arm of a joint)^2: the second remains when all
-    bodies are point masses, and without arms the length of the model stands for them; where nothing has mass, any will do. Bodies that turn
-    without inertia about any axis have it, thin rods among them.
+    The floor of the inertia is a fraction of the mean of inertia and mass * (lever arm of a joint)^2: the second
+    remains when all bodies are point masses, and without arms the length of the model stands for them; where nothing
+    has mass, any will do. Bodies that turn without inertia about any axis have it, thin rods among them.
     """
     n = len(bodies.mass)
     mean = float(bodies.mass.mean()) if n else 0.0

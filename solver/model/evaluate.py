@@ -1,4 +1,5 @@
-"""The compiled right-hand side: kinematics, forces, constraints. One call per kind of element, in the order of the registry."""
+"""The compiled right-hand side: kinematics, forces, constraints. One call per kind of element, in the order of the
+registry."""
 
 from __future__ import annotations
 
@@ -51,7 +52,11 @@ def _bind(model: Model) -> None:
     for constraint, call in zip(CONSTRAINTS, tables.constraint_kinds, strict=True):
         if getattr(spec, constraint.name):
             table = model.elements[constraint.name]
-            residuals = (table, x, kin, row, row, True, row, blocks) if constraint.on_coordinates else (table, kin, True, row, blocks)
+            residuals = (
+                (table, x, kin, row, row, True, row, blocks)
+                if constraint.on_coordinates
+                else (table, kin, True, row, blocks)
+            )
             call[RESIDUALS] = address_of(constraint.residuals, *residuals)
             hessians = (table, *((x,) if constraint.on_coordinates else ()), kin, row, blocks, blocks)
             call[HESSIANS] = address_of(constraint.hessians, *hessians)
@@ -70,7 +75,8 @@ def _evaluate_kind(tables, k, now, effects, outputs):
 
 @kernel(inner=True)
 def evaluate_driven_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, outputs):
-    """Accumulate the forces of the kinds that may follow inputs, and assign their outputs: what in evaluate_forces depends on u."""
+    """Accumulate the forces of the kinds that may follow inputs, and assign their outputs: what in evaluate_forces
+    depends on u."""
     now = Instant(tables.coordinates, tables.laws, kin, angle, zp, cz, u, tangents)
     effects = Effects(f, Kq, Kv, z)
     for k in range(tables.forces.shape[0]):
@@ -80,8 +86,8 @@ def evaluate_driven_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z
 
 @kernel(borrow=True)
 def evaluate_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, outputs):
-    """Assign f (nb+1, 6) and, when `tangents`, Kq and the first tables.damped blocks of Kv (ns+1, 6, 6), which others leave at zero: all
-    forces but those of the constraints.
+    """Assign f (nb+1, 6) and, when `tangents`, Kq and the first tables.damped blocks of Kv (ns+1, 6, 6), which others
+    leave at zero: all forces but those of the constraints.
 
     Arguments are those of solver.elements.instant; outputs are those of all elements (Model.new_outputs).
     """
@@ -99,7 +105,8 @@ def evaluate_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, outpu
 
 @kernel(borrow=True)
 def evaluate_constraints(tables, kin, angle, u, gradients, phi, J):
-    """Assign residuals phi (nc,) and, when `gradients`, blocks J (entries + 1, 6, 6) of A. phi is A v where a row is not holonomic."""
+    """Assign residuals phi (nc,) and, when `gradients`, blocks J (entries + 1, 6, 6) of A. phi is A v where a row is
+    not holonomic."""
     for k in range(tables.constraint_kinds.shape[0]):
         call = tables.constraint_kinds[k]
         if call[RESIDUALS] == 0:
@@ -162,7 +169,8 @@ def constraint_rates(constraints, J, v, rate):
 
 
 def turning_rows(model: Model) -> np.ndarray:
-    """(nc,) True where the residual of a row of constraints is in rad: its gradients, where bodies are placed, move no point."""
+    """(nc,) True where the residual of a row of constraints is in rad: its gradients, where bodies are placed, move no
+    point."""
     nb, con = model.n_bodies, model.tables.constraints
     kin = kinematics_of(placed_configuration(model.spec.bodies), np.zeros((nb + 1, 6)))
     phi, J = np.zeros(model.n_rows), np.zeros((model.n_entries + 1, 6, 6))

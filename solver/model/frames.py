@@ -25,8 +25,8 @@ class Placement(NamedTuple):
 def frame_of_axis(axis: Sequence[float], x_axis: Sequence[float] | None = None) -> np.ndarray:
     """(3, 3) rotation whose z column is along `axis` and whose x column is `x_axis` made perpendicular to it.
 
-    Without x_axis the x column comes from the first coordinate axis, or from the second where the first is nearly parallel to
-    the axis; so axis (0, 0, 1) gives the identity. Raises ValueError for zero or parallel axes.
+    Without x_axis the x column comes from the first coordinate axis, or from the second where the first is nearly
+    parallel to the axis; so axis (0, 0, 1) gives the identity. Raises ValueError for zero or parallel axes.
     """
     length = norm(axis)
     if length < 1e-12:

@@ -1,11 +1,13 @@
 """Rotations without inertia that nothing acts on: those of point masses, and of thin rods about themselves.
 
-A body without moment of inertia about an axis that feels no moment about it either has any rotation about it. It stands still there: it
-gets a moment of inertia, which changes no other motion. With one more moment j about the axis d, Euler's equation along d is
-j dw_d/dt = 0, so w_d, zero at the start, stays zero; and with it j appears nowhere else, neither in a gyroscopic torque nor in the energy.
+A body without moment of inertia about an axis that feels no moment about it either has any rotation about it. It stands
+still there: it gets a moment of inertia, which changes no other motion. With one more moment j about the axis d,
+Euler's equation along d is j dw_d/dt = 0, so w_d, zero at the start, stays zero; and with it j appears nowhere else,
+neither in a gyroscopic torque nor in the energy.
 
-Forces at points alone have no moment about the line through all of these points: about any axis through the centre of mass where they all
-act there (a point mass), about the line where it passes through the centre of mass (a thin rod) or where the body has no mass.
+Forces at points alone have no moment about the line through all of these points: about any axis through the centre of
+mass where they all act there (a point mass), about the line where it passes through the centre of mass (a thin rod) or
+where the body has no mass.
 """
 
 from __future__ import annotations
@@ -22,13 +24,16 @@ from solver.errors import SpecError
 from solver.model.scale import length_of
 from solver.model.spec import ModelSpec
 
-POINTS = {'spherical': ('i', 'j'), 'distance': ('i', 'j'), 'point_on_line': ('j',), 'point_on_plane': ('j',)}  # joints: forces at points
+# joints: forces at points
+POINTS = {'spherical': ('i', 'j'), 'distance': ('i', 'j'), 'point_on_line': ('j',), 'point_on_plane': ('j',)}
 STRAIGHT = 1e-9  # relative: what points that are written with sixteen digits may be off the line through them
-SIZE = 0.1  # of the length of a model, that of bodies among which none has a moment of inertia; ten times as much changes no motion
+# of the length of a model, that of bodies among which none has a moment of inertia; ten times as much changes no motion
+SIZE = 0.1
 
 
 def standing_inertia(spec: ModelSpec) -> np.ndarray:
-    """(nb, 3, 3) moments of inertia [kg m^2] to add, about every axis about which a body has none and nothing turns it; in B.
+    """(nb, 3, 3) moments of inertia [kg m^2] to add, about every axis about which a body has none and nothing turns it;
+    in B.
 
     Raises SpecError for a body that is given an angular velocity about such an axis.
     """
@@ -40,7 +45,8 @@ def standing_inertia(spec: ModelSpec) -> np.ndarray:
             spin = float(norm(product(axes, np.array(body.angular_velocity))))
             if spin > STRAIGHT * norm(np.array(body.angular_velocity)):
                 raise SpecError(
-                    f'{body.where}: angular_velocity = {list(body.angular_velocity)}: the body has no moment of inertia about that axis, '
+                    f'{body.where}: angular_velocity = {list(body.angular_velocity)}: the body has no moment of '
+                    'inertia about that axis, '
                     'and nothing acts on such a rotation: leave that component out, or give the body an inertia'
                 )
             usual = usual or _usual(spec)
@@ -56,7 +62,8 @@ def _usual(spec: ModelSpec) -> float:
 
 
 def _free(spec: ModelSpec, body: RigidBodySpec) -> np.ndarray:
-    """(3, 3) projector onto the axes in B about which a body neither has inertia nor feels a moment; zero where it has none of them."""
+    """(3, 3) projector onto the axes in B about which a body neither has inertia nor feels a moment; zero where it has
+    none of them."""
     nothing = np.zeros((3, 3))
     J = body.inertia_matrix()
     if any(body.inertia) and not _thin(J):
@@ -99,7 +106,8 @@ def _along(arms: np.ndarray, d: np.ndarray) -> bool:
 
 
 def _holds(spec: ModelSpec, name: str) -> Iterator[tuple[Marker | None, bool]]:
-    """By element at a body (its marker there, whether it does nothing but pull at that point); no marker where it acts otherwise."""
+    """By element at a body (its marker there, whether it does nothing but pull at that point); no marker where it acts
+    otherwise."""
     ours = {c.name for c in spec.coordinates if name in (c.i.body, c.j.body)}
     for section, elements in spec.sections().items():
         if section in ('bodies', 'coordinates'):
@@ -108,7 +116,9 @@ def _holds(spec: ModelSpec, name: str) -> Iterator[tuple[Marker | None, bool]]:
         for element in elements:
             for field, value in vars(element).items():
                 if isinstance(value, Marker) and value.body == name:
-                    alone = field in POINTS.get(element.kind, ()) if section == 'joints' else section == 'spring_dampers'
+                    alone = (
+                        field in POINTS.get(element.kind, ()) if section == 'joints' else section == 'spring_dampers'
+                    )
                     if section == 'applied_forces':
                         alone = field == 'marker' and not any(element.torque)
                     yield value, alone

@@ -3,15 +3,16 @@
     [ S   -A_s^T ] [ dw   ]      [ r ]
     [ A_e  1/W   ] [ dlam ]  = - [ g ]
 
-S are 6x6 blocks on the body graph, W the diagonal of penalties. The n x n ("condensed") form eliminates dlam, which is one
-augmentation of the augmented Lagrangian [Bayo1988]: (S + A_s^T W A_e) dw = -(r + A_s^T W g), dlam = -W (g + A_e dw). The block form keeps
-dlam as unknowns and stays well-conditioned for any W. Both give the same dw and dlam in exact arithmetic.
+S are 6x6 blocks on the body graph, W the diagonal of penalties. The n x n ("condensed") form eliminates dlam, which is
+one augmentation of the augmented Lagrangian [Bayo1988]: (S + A_s^T W A_e) dw = -(r + A_s^T W g), dlam = -W (g + A_e
+dw). The block form keeps dlam as unknowns and stays well-conditioned for any W. Both give the same dw and dlam in exact
+arithmetic.
 
-The residuals use the exact force directions, A at the stage of the step, but the matrix has A at its end in both places. Close
-to a singular position a constraint sees the free direction with opposite signs at the stage and at the end; the product of the
-two would make the matrix singular for an unlucky step, or demand forces without bound. With A_e^T W A_e >= 0 that direction is
-left to its inertia while the constraint cannot see it. The price, a contraction of order h omega per iteration instead of
-quadratic convergence, is small for a step that resolves the rotation.
+The residuals use the exact force directions, A at the stage of the step, but the matrix has A at its end in both
+places. Close to a singular position a constraint sees the free direction with opposite signs at the stage and at the
+end; the product of the two would make the matrix singular for an unlucky step, or demand forces without bound. With
+A_e^T W A_e >= 0 that direction is left to its inertia while the constraint cannot see it. The price, a contraction of
+order h omega per iteration instead of quadratic convergence, is small for a step that resolves the rotation.
 """
 
 from __future__ import annotations
@@ -23,7 +24,14 @@ import numpy as np
 from solver.compiled.kernel import invoke, kernel
 from solver.compiled.memory import zeros
 from solver.compiled.vec import load33
-from solver.linear.blocks import WIDTH, add_row_products, add_weighted_product, combined_block, rotated_block, subtract_weighted_rows
+from solver.linear.blocks import (
+    WIDTH,
+    add_row_products,
+    add_weighted_product,
+    combined_block,
+    rotated_block,
+    subtract_weighted_rows,
+)
 from solver.model.tables import FACTORIZE, SOLVE
 
 CONDENSED, BLOCK = 0, 1
@@ -73,7 +81,9 @@ def effective_masses(tables, J, m):
             for r in range(rows):
                 x, y, z = J[e, r, 3], J[e, r, 4], J[e, r, 5]
                 linear = J[e, r, 0] * J[e, r, 0] + J[e, r, 1] * J[e, r, 1] + J[e, r, 2] * J[e, r, 2]
-                angular = x * (M[0] * x + 2.0 * (M[1] * y + M[2] * z)) + (y * (M[4] * y + 2.0 * M[5] * z) + M[8] * z * z)
+                angular = x * (M[0] * x + 2.0 * (M[1] * y + M[2] * z)) + (
+                    y * (M[4] * y + 2.0 * M[5] * z) + M[8] * z * z
+                )
                 m[first + r] += mass * linear + angular
     for i in range(m.shape[0]):
         m[i] = 1.0 / m[i] if m[i] > 0.0 else 1.0
@@ -88,7 +98,8 @@ def rotate_columns(constraints, J, T, out):
 
 @kernel(borrow=True)
 def assemble_tangent(tables, cm, cq, cv, Kq, Kv, T, B):
-    """B = cm M - cq Kq T - cv Kv on the force blocks, zero elsewhere; T (nb, 3, 3) acts on the angular columns of Kq."""
+    """B = cm M - cq Kq T - cv Kv on the force blocks, zero elsewhere; T (nb, 3, 3) acts on the angular columns of
+    Kq."""
     slots = tables.block_row.shape[0]
     for s in range(slots, B.shape[0]):  # fill, and constraint blocks of the block form
         for i in range(6):
@@ -115,7 +126,8 @@ def add_mass(tables, cm, B):
 
 @kernel(borrow=True)
 def factorize_saddle(tables, form, saddle):
-    """Complete the assembled tangent in saddle.B with the constraints (saddle.W, J_force, J_row) and factorize. -1 or a bad node."""
+    """Complete the assembled tangent in saddle.B with the constraints (saddle.W, J_force, J_row) and factorize. -1 or a
+    bad node."""
     con = tables.constraints
     B = saddle.B
     J_force = saddle.J_force
@@ -131,7 +143,8 @@ def factorize_saddle(tables, form, saddle):
                 for b in range(e0, e1):
                     s = con.slot[p]
                     p += 1
-                    add_weighted_product(B, s, J_force, a, J_row, b, saddle.W, first)  # rows that a group lacks are zero in J
+                    # rows that a group lacks are zero in J
+                    add_weighted_product(B, s, J_force, a, J_row, b, saddle.W, first)
         else:
             s = con.centre[g]
             for r in range(6):

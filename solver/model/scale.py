@@ -1,4 +1,5 @@
-"""Size of a model: the length that distances and turns are compared by, and the speed below which its motions count as slow.
+"""Size of a model: the length that distances and turns are compared by, and the speed below which its motions count as
+slow.
 
 A mechanism has the same motion and the same verdict in metres and millimetres, kilograms and grams, seconds and hours:
 what has nothing else in a run to be compared with is compared with these. A vehicle has both by its size, a passenger
@@ -18,13 +19,17 @@ from solver.model.spec import ModelSpec
 from solver.units import MODEL_GRAVITY
 
 LENGTHS = ('length', 'free_length', 'radius')  # fields of elements
-STEPS = 1000.0  # in which what rests at its start passes its own length: slower counts as slow; with ten times as many a tenth of it does
-RESTING = 1e-6  # lengths in a step: what is slower at the start rests there; ten times as much would take creep for rest
+# in which what rests at its start passes its own length: slower counts as slow; with ten times as many a tenth of it
+# does
+STEPS = 1000.0
+# lengths in a step: what is slower at the start rests there; ten times as much would take creep for rest
+RESTING = 1e-6
 
 
 def length_of(spec: ModelSpec) -> float:
-    """Characteristic length [m] of a mechanism: the largest distance from a centre of mass to where something is attached,
-    radius of gyration or length of an element; of point masses alone their distance. 1 m where there is no length at all."""
+    """Characteristic length [m] of a mechanism: the largest distance from a centre of mass to where something is
+    attached, radius of gyration or length of an element; of point masses alone their distance. 1 m where there is no
+    length at all."""
     com = {body.name: np.array(body.com) for body in spec.bodies}
     found = [math.sqrt(0.5 * sum(body.inertia[:3]) / body.mass) for body in spec.bodies if body.mass > 0.0]
     for name, elements in spec.sections().items():

@@ -72,7 +72,9 @@ class ModelSpec:
             seen: set[str] = set()
             for spec in specs:
                 if spec.name in seen:
-                    raise SpecError(f'{spec.where}: name = {spec.name!r}: is used twice among the {section}; rename one')
+                    raise SpecError(
+                        f'{spec.where}: name = {spec.name!r}: is used twice among the {section}; rename one'
+                    )
                 seen.add(spec.name)
 
     def sections(self) -> dict[str, tuple[Spec, ...]]:
@@ -85,7 +87,8 @@ SECTIONS = ('bodies', 'coordinates', *(kind.name for kind in KINDS))
 
 
 def used_inputs(model: ModelSpec) -> tuple[str, ...]:
-    """Input channels that the elements of a model mention, in order of first mention; drivers with their derivatives."""
+    """Input channels that the elements of a model mention, in order of first mention; drivers with their
+    derivatives."""
     names: dict[str, None] = {}
     motions = {kind.name for kind in CONSTRAINTS}
     for section, specs in model.sections().items():

@@ -22,8 +22,8 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.errors import SpecError
 
 MOST = 1 << 26  # bytes of a saved state
-# Format of saved states, the array `format` in them. It grows by one when an array comes, goes or means something else. A state
-# without it is of mbd_sim_ros 0.1 (format 1).
+# Format of saved states, the array `format` in them. It grows by one when an array comes, goes or means something else.
+# A state without it is of mbd_sim_ros 0.1 (format 1).
 FORMAT = 3
 
 
@@ -116,8 +116,8 @@ def update_angles(coordinates, kin, angle):
 
 @kernel(borrow=True)
 def turn_angles(coordinates, kin, h, angle):
-    """Advance the unwrapped values of rotations by what their rates turn them in h [s]: from half a turn on the value that is
-    nearest to the one before is one of another turn."""
+    """Advance the unwrapped values of rotations by what their rates turn them in h [s]: from half a turn on the value
+    that is nearest to the one before is one of another turn."""
     for k in range(coordinates.kind.shape[0]):
         if coordinates.kind[k] == ROTATION:
             _, g_i, g_j = evaluate_coordinate(coordinates, kin, k, angle)
@@ -125,10 +125,15 @@ def turn_angles(coordinates, kin, h, angle):
 
 
 def require_format(saved: Mapping[str, np.ndarray], what: str) -> None:
-    """Raise SpecError, whose sentence begins with `what`, for the arrays of a saved state of another version: nothing of it is guessed."""
+    """Raise SpecError, whose sentence begins with `what`, for the arrays of a saved state of another version: nothing
+    of it is guessed."""
     found = int(fitting('format', saved.get('format', np.array(1)), np.array(FORMAT)))
     if found != FORMAT:
-        remedy = 'save it anew with this version, or go on with the version that saved it' if found < FORMAT else 'update mbd_sim_ros'
+        remedy = (
+            'save it anew with this version, or go on with the version that saved it'
+            if found < FORMAT
+            else 'update mbd_sim_ros'
+        )
         raise SpecError(f'{what} has format {found}, and this version of mbd_sim_ros reads format {FORMAT}: {remedy}')
 
 
@@ -148,7 +153,17 @@ def load_arrays(data: bytes) -> dict[str, np.ndarray]:
             raise SpecError(f'restore: the saved state claims to hold {size} bytes, more than {MOST}')
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except (ValueError, KeyError, OSError, EOFError, MemoryError, NotImplementedError, struct.error, zipfile.BadZipFile, zlib.error):
+    except (
+        ValueError,
+        KeyError,
+        OSError,
+        EOFError,
+        MemoryError,
+        NotImplementedError,
+        struct.error,
+        zipfile.BadZipFile,
+        zlib.error,
+    ):
         raise SpecError('restore: the saved state is damaged') from None
 
 

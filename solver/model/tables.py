@@ -15,17 +15,18 @@ from solver.elements.rigid_body import BodyTable
 from solver.linear.elimination import Elimination
 from solver.model.spec import ModelSpec
 
-# Columns of Tables.forces: address of the kernel (0: the model has no such element) and of the table; whether its forces
-# follow inputs; where the outputs are, number of elements and of columns
+# Columns of Tables.forces: address of the kernel (0: the model has no such element) and of the table; whether its
+# forces follow inputs; where the outputs are, number of elements and of columns
 ADDRESS, TABLE, DRIVEN, OUTPUT, COUNT, WIDTH, ROTATION, PEAK = range(8)
-# and of Tables.constraint_kinds: addresses of the kernels of residuals and of second derivatives, and of the table; whether the kernels
-# work on joint coordinates
+# and of Tables.constraint_kinds: addresses of the kernels of residuals and of second derivatives, and of the table;
+# whether the kernels work on joint coordinates
 RESIDUALS, HESSIANS, CONSTRAINT_TABLE, CONSTRAINT_ON_COORDINATES = range(4)
 FACTORIZE, SOLVE = range(2)  # of Tables.linear
 
 
 class ConstraintTable(NamedTuple):
-    """Constraint groups (a joint, a contact or a coupler each): rows, Jacobian blocks and the matrix blocks they fill."""
+    """Constraint groups (a joint, a contact or a coupler each): rows, Jacobian blocks and the matrix blocks they
+    fill."""
 
     row: np.ndarray  # (ng + 1,) first row of each group
     entry: np.ndarray  # (ng + 1,) first Jacobian block of each group
@@ -40,8 +41,8 @@ class ConstraintTable(NamedTuple):
 
 
 class EffortTable(NamedTuple):
-    """Outputs that are generalized forces on joint coordinates, one after the other; those of forces at coordinates that no driver
-    prescribes."""
+    """Outputs that are generalized forces on joint coordinates, one after the other; those of forces at coordinates
+    that no driver prescribes."""
 
     output: np.ndarray  # (m,) index in the outputs
     coordinate: np.ndarray  # (m,)
@@ -59,7 +60,9 @@ class Tables(NamedTuple):
     penalty_inverse_inertia: np.ndarray  # (nb, 3, 3)
     block_row: np.ndarray  # (ns + 1,) body of the row of each slot; slot 0 is the trash slot of the world
     block_col: np.ndarray  # (ns + 1,)
-    damped: int  # slots, from the first one on, that forces may have a tangent over velocities in; in joints alone those of the bodies
+    # slots, from the first one on, that forces may have a tangent over velocities in; in joints alone those of the
+    # bodies
+    damped: int
     coordinates: CoordinateTable
     constraints: ConstraintTable
     laws: LawTable
@@ -103,7 +106,8 @@ class Model:
         return int(forces[forces[:, PEAK] >= 0, COUNT].sum())
 
     def new_outputs(self) -> np.ndarray:
-        """Room for the outputs of all force elements, kind by kind, filled with NaN until an evaluation assigns them."""
+        """Room for the outputs of all force elements, kind by kind, filled with NaN until an evaluation assigns
+        them."""
         return np.full(int((self.tables.forces[:, COUNT] * self.tables.forces[:, WIDTH]).sum()), np.nan)
 
     def inputs_of(self, kind: str) -> np.ndarray:
@@ -118,7 +122,8 @@ class Model:
         return Ref(self.tables.value._replace(forces=forces))
 
     def with_tables(self, changed: dict[str, Any]) -> tuple[Ref, list[Ref]]:
-        """(the tables with those of some kinds of force exchanged, what must be kept alive as long as they are used)."""
+        """(the tables with those of some kinds of force exchanged, what must be kept alive as long as they are
+        used)."""
         forces, kept = self.tables.forces.copy(), []
         for kind, table in changed.items():
             kept.append(Ref(table))

@@ -39,7 +39,8 @@ class Account(NamedTuple):
     residual: np.ndarray  # noted: last increment of an iteration, relative to the velocity; index of the body
     position: np.ndarray  # noted: |phi| [m or rad]; index of the row of constraints
     velocity: np.ndarray  # noted: |A v + phi_t| [m/s or rad/s]; index of the row of constraints
-    turn: np.ndarray  # noted: turn in a step [rad] of the body whose axis a step turned wrong by most; index of the body
+    # noted: turn in a step [rad] of the body whose axis a step turned wrong by most; index of the body
+    turn: np.ndarray
     steps: np.ndarray  # (1,) number of steps
     unsettled: np.ndarray  # (1,) number of steps with a residual above SETTLED_INCREMENT
     swing: np.ndarray  # (2,) half the widest range of a component of a velocity [m/s], of an angular velocity [rad/s]
@@ -49,14 +50,16 @@ class Account(NamedTuple):
     wound: np.ndarray  # noted: rotation angle in an element that acts on a rotation vector [rad]; index of its outputs
     # (2, 2) recent squares of second differences of an acceleration, and of first differences
     bend: np.ndarray
-    astray: (
-        np.ndarray
-    )  # (2,) error of the directions of spin axes so far, less the part that has died out; largest of a body in a step [rad]
+    # (2,) error of the directions of spin axes so far, less the part that has died out; largest of a body in a step
+    # [rad]
+    astray: np.ndarray
     shake: np.ndarray  # noted: chatter of a tire's force, over its load (solver.output.shake); index of the tire
     swayed: np.ndarray  # (1,) kinetic energy of vibrations whose amplitudes are the ranges in `swing` [J]
-    contradiction: np.ndarray  # noted: energy of rows that contradict each other [J] (solver.output.contradiction); a row
+    # noted: energy of rows that contradict each other [J] (solver.output.contradiction); a row
+    contradiction: np.ndarray
     twist: np.ndarray  # (bodies, 2, 6) smallest and largest value of every component of a twist [m/s, rad/s]
-    offset: np.ndarray  # (bodies, 6) violation of the constraints by the velocities of the scheme, one step before [m/s, rad/s]
+    # (bodies, 6) violation of the constraints by the velocities of the scheme, one step before [m/s, rad/s]
+    offset: np.ndarray
     # (bodies, 4) axis of a body's spin in the world where it began, largest distance of the axis from it since [rad]
     axis: np.ndarray
     peak: np.ndarray  # (elements with a peak, 2) largest value of that output, its time [s]
@@ -74,7 +77,14 @@ SHAPES: dict[str, tuple[int, ...]] = {  # field -> shape, where that is neither 
 
 def new_account(bodies: int, peaks: int, tires: int = 0) -> Account:
     """An empty account of so many bodies, elements with a peak output (ForceKind.peak) and tires."""
-    shapes = {**SHAPES, 'twist': (bodies, 2, 6), 'offset': (bodies, 6), 'axis': (bodies, 4), 'peak': (peaks, 2), 'trace': (tires, TRACE)}
+    shapes = {
+        **SHAPES,
+        'twist': (bodies, 2, 6),
+        'offset': (bodies, 6),
+        'axis': (bodies, 4),
+        'peak': (peaks, 2),
+        'trace': (tires, TRACE),
+    }
     fields = {name: shapes.get(name, (1,)) for name in Account._fields[1:]}
     ends = np.cumsum([prod(shape) for shape in fields.values()])
     numbers = zeros(int(ends[-1]))

@@ -120,4 +120,7 @@ def switches_before(saved: Mapping[str, np.ndarray]) -> list[BranchSwitch]:
     """Branch switches in a saved state: those of the run until it was saved. Raises SpecError for an array of another
     shape."""
     found = saved.get('switches')
-    return [BranchSwitch(*row) for row in fitting('switches', found, np.zeros((0 if found is None else found.size // 2, 2))).tolist()]
+    return [
+        BranchSwitch(*row)
+        for row in fitting('switches', found, np.zeros((0 if found is None else found.size // 2, 2))).tolist()
+    ]

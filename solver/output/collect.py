@@ -24,7 +24,11 @@ def channels_of(model: Model, *, motions: bool = False) -> Channels:
         wheels=tuple(e.name for kind in FORCES if kind.wheels for e in getattr(spec, kind.name)),
         inputs=spec.inputs,
         elements=tuple(
-            f'{e.name}/{column}' for kind in FORCES if not kind.wheels for e in getattr(spec, kind.name) for column in kind.outputs
+            f'{e.name}/{column}'
+            for kind in FORCES
+            if not kind.wheels
+            for e in getattr(spec, kind.name)
+            for column in kind.outputs
         ),
         reactions=model.row_names,
         chassis=model.body_names.index(spec.chassis) if spec.chassis else 0,
@@ -34,7 +38,8 @@ def channels_of(model: Model, *, motions: bool = False) -> Channels:
 
 @kernel(borrow=True)
 def collect(tables, chassis, kin, a, lam, u, state, outputs, frame):
-    """Assign the OutputArrays of a state: kin and a (nb + 1, 6) are those of the outputs, lam (nc,) and u (nu,) what was applied."""
+    """Assign the OutputArrays of a state: kin and a (nb + 1, 6) are those of the outputs, lam (nc,) and u (nu,) what
+    was applied."""
     x = tables.coordinates
     for k in range(x.kind.shape[0]):
         value, g_i, g_j = evaluate_coordinate(x, kin, k, state.angle)

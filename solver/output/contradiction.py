@@ -11,10 +11,11 @@ BALANCED = 0.03  # of forces: what those that balance each other may leave
 
 @kernel(borrow=True)
 def note_contradiction(constraints, J, lam, phi, length, net, gross, account):
-    """Note the largest energy [J] of multipliers lam (nc,) that balance each other, in the rows that they cannot close, phi (nc,) open, at
-    the Jacobian blocks J, with the row that has most of it. net, gross (nb + 1, 6) are scratch.
+    """Note the largest energy [J] of multipliers lam (nc,) that balance each other, in the rows that they cannot close,
+    phi (nc,) open, at the Jacobian blocks J, with the row that has most of it. net, gross (nb + 1, 6) are scratch.
 
-    Forces are added up only where that energy is the largest so far and above what numbers leave open, which it is in no sound run.
+    Forces are added up only where that energy is the largest so far and above what numbers leave open, which it is in
+    no sound run.
     """
     energy, most, row = 0.0, 0.0, 0
     for i in range(lam.shape[0]):

@@ -12,7 +12,8 @@ from solver.elements.registry import CONSTRAINTS, FORCES
 from solver.model.tables import Model
 
 RANK_TOLERANCE = 1e-8  # of rows of unit norm in the metric of the masses
-COUNTS = ('bushings', 'spring_dampers', 'force_elements', 'external_forces', 'tires')  # of force elements, of which a model may have none
+# of force elements, of which a model may have none
+COUNTS = ('bushings', 'spring_dampers', 'force_elements', 'external_forces', 'tires')
 LEAST_GRIP = 1e-3  # smallest singular value of such rows, in the columns of one body, that are independent beyond doubt
 
 
@@ -44,7 +45,8 @@ def scaled_blocks(model: Model, J: np.ndarray) -> np.ndarray:
 
 
 def scaled_jacobian(model: Model, J: np.ndarray) -> np.ndarray:
-    """(nc, 6 nb) Jacobian with columns in the metric of the masses and rows of unit norm, so that metres and radians compare."""
+    """(nc, 6 nb) Jacobian with columns in the metric of the masses and rows of unit norm, so that metres and radians
+    compare."""
     return dense_jacobian(model, scaled_blocks(model, J))
 
 
@@ -91,8 +93,8 @@ class Dependence(NamedTuple):
 def dependence(model: Model, J: np.ndarray) -> Dependence:
     """Rank, redundant rows and unique reactions at the configuration of the Jacobian blocks J.
 
-    Rank by QR with column pivoting of the transpose: the rows left over depend on those before them. M dv/dt = f + A^T lam leaves
-    every n with A^T n = 0 open: the reaction of a row is unique where no such n has a share in it.
+    Rank by QR with column pivoting of the transpose: the rows left over depend on those before them. M dv/dt = f + A^T
+    lam leaves every n with A^T n = 0 open: the reaction of a row is unique where no such n has a share in it.
     """
     from scipy.linalg import qr  # slow to import, and a run does not need it
 

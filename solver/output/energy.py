@@ -15,16 +15,17 @@ from solver.compiled.vec import cross, dot, load3, load33, mv, scale, sub
 from solver.model.tables import COUNT, OUTPUT, PEAK, ROTATION, WIDTH
 from solver.output.account import Account, noted
 
-# Relative error of numbers in files, which have finitely many digits; also to the length of the model. Ten times as much
-# would hide contradictions of joints that matter.
+# Relative error of numbers in files, which have finitely many digits; also to the length of the model. Ten times as
+# much would hide contradictions of joints that matter.
 WRITTEN = 1e-6
 # Rounding error of the stored energy, relative to it: what remains of the balance of prestressed parts at rest without
 # weight.
 ROUNDING = 1e-12
-NOISE = 1e-9  # lengths of the model in a step: slower motions are rounding; ten times as much would hide creep of 1e-5 m/s
+# lengths of the model in a step: slower motions are rounding; ten times as much would hide creep of 1e-5 m/s
+NOISE = 1e-9
 SPINS = 0.005  # half the turn in a step [rad] from which on a body counts as spinning
-# Part of what is known of the period of a vibration that is kept from step to step: ten steps; ten times as many would mix
-# motions.
+# Part of what is known of the period of a vibration that is kept from step to step: ten steps; ten times as many would
+# mix motions.
 REMEMBERED = 0.9
 # Last increment of an iteration, relative to the velocity, up to which it counts as settled: one digit better than the
 # increment that is accepted where an iteration does not converge.
@@ -77,7 +78,8 @@ def mechanical_energy(tables, kin, outputs, h, account):
     [W]).
 
     The energy is kinetic + gravity (zero at z = 0) + stored in elements. Also notes the largest speeds, the kinetic
-    energy of bodies that turn in the step h [s], the element with the largest rotation vector, and the peaks of elements.
+    energy of bodies that turn in the step h [s], the element with the largest rotation vector, and the peaks of
+    elements.
     """
     bodies = tables.bodies
     energy = 0.0
@@ -215,20 +217,22 @@ def refine_work(account, h, before, middle, worst, at):
 
 @kernel(inline=True)
 def _carried(square):
-    """tan(x) / x by a fraction, of the square of half the turn x of a body in a step: so much of the mean of a vector before
-    and after, across the spin, is the change that carries it along with the body."""
+    """tan(x) / x by a fraction, of the square of half the turn x of a body in a step: so much of the mean of a vector
+    before and after, across the spin, is the change that carries it along with the body."""
     return (105.0 - 10.0 * square) / (105.0 - 45.0 * square + square * square)
 
 
 @kernel(inline=True)
 def _free_share(left, held):
-    """Share of a change, a square, in directions that constraints leave free: of its local error they take `held` off and leave `left`."""
+    """Share of a change, a square, in directions that constraints leave free: of its local error they take `held` off
+    and leave `left`."""
     return left / (left + held) if held > 0.0 else 1.0
 
 
 @kernel(inline=True)
 def phase_lost(y, parts):
-    """Phase [rad] that an oscillation loses in a step, y [rad] being the change of its phase over one of its `parts` (module)."""
+    """Phase [rad] that an oscillation loses in a step, y [rad] being the change of its phase over one of its `parts`
+    (module)."""
     if parts == 1:
         return y * y * y / 12.0
     y *= 2.0
@@ -238,9 +242,11 @@ def phase_lost(y, parts):
 
 @kernel(inline=True)
 def _note_change(account, k, change, free, bend, body, spacing, parts, slowest):
-    """Note the largest change of an acceleration between two stages, `spacing` [s] apart: of translation (k = 0) or rotation (1).
+    """Note the largest change of an acceleration between two stages, `spacing` [s] apart: of translation (k = 0) or
+    rotation (1).
 
-    change: its square, of one body; free: the same, of what constraints leave free, of a body whose change of that has the square bend.
+    change: its square, of one body; free: the same, of what constraints leave free, of a body whose change of that has
+    the square bend.
     """
     kick = parts * spacing * change**0.5
     if kick > account.kick[k, 0]:
@@ -257,11 +263,13 @@ def _note_change(account, k, change, free, bend, body, spacing, parts, slowest):
 
 @kernel(inline=True)
 def _note_gyration(J, R, a, w, across, share, body, spacing, parts, account):
-    """Note by how much a step turns the axis of a body too far whose angular acceleration a turns in its own axes, as it does with a spin.
+    """Note by how much a step turns the axis of a body too far whose angular acceleration a turns in its own axes, as
+    it does with a spin.
 
-    across: square of the change of a, across a; share: of it that constraints leave free. Of a top with the moments of inertia A,
-    and C about its spin, that turns by x in a step and precesses, the step misses (1/2 + A / C) x^2 / 12 of the precession
-    (solver.checks.resolution). An axis is never further off than its path is wide: one that has missed so much misses no more.
+    across: square of the change of a, across a; share: of it that constraints leave free. Of a top with the moments of
+    inertia A, and C about its spin, that turns by x in a step and precesses, the step misses (1/2 + A / C) x^2 / 12 of
+    the precession (solver.checks.resolution). An axis is never further off than its path is wide: one that has missed
+    so much misses no more.
     """
     square, momentum, torque = dot(a, a), mv(J, w), mv(J, a)
     h = parts * spacing
@@ -292,19 +300,24 @@ def _note_gyration(J, R, a, w, across, share, body, spacing, parts, account):
 
 @kernel(borrow=True)
 def note_residuals(
-    constraints, inertia, h, parts, coefficient, own, kin, residual, position, velocity, phi, rate, s1, before, slowest, account
+    constraints, inertia, h, parts, coefficient, own, kin, residual, position, velocity, phi, rate, s1, before, slowest,
+    account
 ):  # fmt: skip
-    """Note what is largest so far: the residual of the iteration, |phi|, |A v + phi_t|, changes of accelerations, with time and place.
+    """Note what is largest so far: the residual of the iteration, |phi|, |A v + phi_t|, changes of accelerations, with
+    time and place.
 
-    h [s] is the step, of so many parts (2 with order four: a_stage are those of its halves); kin, phi and rate (nc,) are those after
-    it, `own` (nb + 1, 6) the twists of the scheme, which violate the constraints. s1: the state after the step; before (nb + 1, 6):
-    the stage before its last two. coefficient: of da/dt in the local error of a part. The place of a residual is the body whose
-    acceleration changed most. slowest [m/s], [rad/s]: below it motions do not count.
+    h [s] is the step, of so many parts (2 with order four: a_stage are those of its halves); kin, phi and rate (nc,)
+    are those after it, `own` (nb + 1, 6) the twists of the scheme, which violate the constraints. s1: the state after
+    the step; before (nb + 1, 6): the stage before its last two. coefficient: of da/dt in the local error of a part. The
+    place of a residual is the body whose acceleration changed most. slowest [m/s], [rad/s]: below it motions do not
+    count.
 
-    An angular acceleration changes by what it does in the axes of the body or of the world, whichever is less: in the former the yaw of a
-    wheel turns with its spin, which is no vibration; in the latter a free disc nutates faster than the equations that a step solves.
+    An angular acceleration changes by what it does in the axes of the body or of the world, whichever is less: in the
+    former the yaw of a wheel turns with its spin, which is no vibration; in the latter a free disc nutates faster than
+    the equations that a step solves.
 
-    Phase is lost along free directions only: v - own is what constraints took off the local error of a step (solver.start.newton).
+    Phase is lost along free directions only: v - own is what constraints took off the local error of a step
+    (solver.start.newton).
     """
     account.steps[0] += 1.0
     v, R = kin.v, kin.R

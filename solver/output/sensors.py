@@ -60,7 +60,9 @@ class Sensors:
     seed: int | None = None
 
     def __post_init__(self) -> None:
-        require(not self.noise or self.seed is not None, 'sensors', 'noise', self.noise, 'needs a seed: give sensors.seed')
+        require(
+            not self.noise or self.seed is not None, 'sensors', 'noise', self.noise, 'needs a seed: give sensors.seed'
+        )
         if self.seed is not None:
             require(0 <= self.seed < 2**63, 'sensors', 'seed', self.seed, 'must be a whole number, 0 or more')
 

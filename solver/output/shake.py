@@ -1,4 +1,5 @@
-"""Chatter of tires: forces that change from step to step by more than what the load of the tire does, noted in the running account.
+"""Chatter of tires: forces that change from step to step by more than what the load of the tire does, noted in the
+running account.
 
 A road, a suspension and a landing show in the load of a tire; brakes, ABS and steering wheels take many steps. A
 horizontal force that turns back every few steps while its load does not is none of these: it is what the steps or their
@@ -16,13 +17,15 @@ from solver.elements.tire_pacejka import TIRES
 from solver.model.tables import COUNT, OUTPUT, WIDTH
 from solver.output.account import TRACE
 
-MEMORY = 16.0  # steps of the means: two to five periods of what is looked for; ten times as many would miss a second of it
+# steps of the means: two to five periods of what is looked for; ten times as many would miss a second of it
+MEMORY = 16.0
 CLIPPED = 4.0  # times the mean, most that one step adds to it; ten times as much would take an edge for chatter
 LEAST = 1e-4  # of the load: mean changes of forces below it count as that much; ten times as much would be the limit
 BY_LOAD = 2.0  # friction of a tire at most: by so much more than its load may its horizontal force change
 KIND = FORCES.index(TIRES)
 FX, FZ = TIRES.column('fx'), TIRES.column('fz')  # of the outputs: fx, fy, fz in a row
-LOAD, FORCE, CHANGE, FIRST, SECOND = 0, 1, 4, 7, 9  # of TRACE: mean load; fx, fy, fz; their changes; means of fx, fy; and of all three
+# of TRACE: mean load; fx, fy, fz; their changes; means of fx, fy; and of all three
+LOAD, FORCE, CHANGE, FIRST, SECOND = 0, 1, 4, 7, 9
 assert TRACE == SECOND + 3
 
 
@@ -34,8 +37,8 @@ def _followed(mean, value, least):
 
 @kernel(inner=True)
 def note_shake(tables, outputs, account):
-    """Follow the forces of all tires, and note half the largest mean second difference of a horizontal force, beyond what that
-    of the load allows, over the mean load. Of the first steps nothing is noted.
+    """Follow the forces of all tires, and note half the largest mean second difference of a horizontal force, beyond
+    what that of the load allows, over the mean load. Of the first steps nothing is noted.
     """
     at, width = tables.forces[KIND, OUTPUT], tables.forces[KIND, WIDTH]
     first, early = account.steps[0] < 2.0, account.steps[0] < 2.0 * MEMORY

@@ -18,7 +18,8 @@ class Counters(NamedTuple):
     factorizations: int
     evaluations: int  # of all forces
     stagnated: int  # steps accepted although their iteration stopped gaining before the tolerance
-    residual: float  # largest last increment of an iteration, or violation of a position over h, relative to the largest velocity [-]
+    # largest last increment of an iteration, or violation of a position over h, relative to the largest velocity [-]
+    residual: float
     position_drift: float  # largest |phi| after a step [m or rad]
     velocity_drift: float  # largest |A v + phi_t| in the output [m/s or rad/s]
 
@@ -33,7 +34,9 @@ class Counters(NamedTuple):
         i, f, e, s, r, p, v = self
         i1, f1, e1, s1, r1, p1, v1 = later
         # Every call of Simulation.advance() adds: written with max() and by keywords it takes 0.3 us more.
-        return Counters._make((i + i1, f + f1, e + e1, s + s1, r1 if r1 > r else r, p1 if p1 > p else p, v1 if v1 > v else v))
+        return Counters._make(
+            (i + i1, f + f1, e + e1, s + s1, r1 if r1 > r else r, p1 if p1 > p else p, v1 if v1 > v else v)
+        )
 
     def report(self) -> dict[str, float]:
         """By the names of reports and recordings."""
@@ -63,15 +66,18 @@ class OutputArrays(NamedTuple):
 
     joint_position: np.ndarray  # (nx,) [rad or m], unwrapped
     joint_velocity: np.ndarray  # (nx,)
-    joint_effort: np.ndarray  # (nx,) generalized force of elements, of a coordinate with a prescribed motion that of its driver [N m or N]
+    # (nx,) generalized force of elements, of a coordinate with a prescribed motion that of its driver [N m or N]
+    joint_effort: np.ndarray
     pose: np.ndarray  # (nb, 7) reference frame of every body in the world: p [m], quaternion xyzw
-    twist: np.ndarray  # (nb, 6) velocity of that frame's origin and angular velocity, both expressed in the body [m/s, rad/s]
+    # (nb, 6) velocity of that frame's origin and angular velocity, both expressed in the body [m/s, rad/s]
+    twist: np.ndarray
     imu: np.ndarray  # (6,) chassis centre of mass: specific force in B [m/s^2], angular velocity in B [rad/s]
     tire: np.ndarray  # (nt, len(TIRE_COLUMNS))
     inputs: np.ndarray  # (nu,) as applied in the step
     elements: np.ndarray  # (ne,)
     reactions: np.ndarray  # (nc,)
-    acceleration: np.ndarray  # (nb or 0, 6) of that frame's origin, and angular, both expressed in the body [m/s^2, rad/s^2]
+    # (nb or 0, 6) of that frame's origin, and angular, both expressed in the body [m/s^2, rad/s^2]
+    acceleration: np.ndarray
 
 
 Layout = dict[str, tuple[slice, tuple[int, ...]]]  # of every field of OutputArrays: where in the numbers, and its shape
@@ -81,10 +87,22 @@ def layout_of(channels: Channels) -> Layout:
     """Order of the numbers of a Snapshot."""
     nx, nb = (len(channels.joints),), len(channels.bodies)
     rest = ((len(names),) for names in (channels.inputs, channels.elements, channels.reactions))
-    shapes: list[tuple[int, ...]] = [nx, nx, nx, (nb, 7), (nb, 6), (6,), (len(channels.wheels), len(TIRE_COLUMNS)), *rest]
+    shapes: list[tuple[int, ...]] = [
+        nx,
+        nx,
+        nx,
+        (nb, 7),
+        (nb, 6),
+        (6,),
+        (len(channels.wheels), len(TIRE_COLUMNS)),
+        *rest,
+    ]
     shapes.append((len(channels.moving), 6))
     ends = np.cumsum([math.prod(shape) for shape in shapes]).tolist()
-    return {name: (slice(end - math.prod(shape), end), shape) for name, shape, end in zip(OutputArrays._fields, shapes, ends, strict=True)}
+    return {
+        name: (slice(end - math.prod(shape), end), shape)
+        for name, shape, end in zip(OutputArrays._fields, shapes, ends, strict=True)
+    }
 
 
 def new_numbers(layout: Layout) -> np.ndarray:
@@ -100,8 +118,8 @@ def output_arrays(numbers: np.ndarray, layout: Layout) -> OutputArrays:
 class Snapshot(NamedTuple):
     """The output of step k at time t_ns [ns], a copy that the caller may keep.
 
-    numbers: (n,) all arrays one behind the other, which compare as one; every array is a property. counters: work and residuals of the
-    last call of advance().
+    numbers: (n,) all arrays one behind the other, which compare as one; every array is a property. counters: work and
+    residuals of the last call of advance().
     """
 
     k: int
@@ -141,7 +159,8 @@ class Snapshot(NamedTuple):
 
     @property
     def imu(self) -> np.ndarray:
-        """(6,) specific force [m/s^2] at the centre of mass of the chassis and its angular velocity [rad/s], both in the chassis."""
+        """(6,) specific force [m/s^2] at the centre of mass of the chassis and its angular velocity [rad/s], both in
+        the chassis."""
         return self._field('imu')
 
     @property
@@ -166,5 +185,6 @@ class Snapshot(NamedTuple):
 
     @property
     def acceleration(self) -> np.ndarray:
-        """(nb or 0, 6) acceleration of every body's origin [m/s^2] and angular acceleration [rad/s^2], in the body; where asked for."""
+        """(nb or 0, 6) acceleration of every body's origin [m/s^2] and angular acceleration [rad/s^2], in the body;
+        where asked for."""
         return self._field('acceleration')

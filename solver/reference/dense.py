@@ -1,4 +1,5 @@
-"""A compiled model as dense matrices: forces, constraints, accelerations, projections. For references and tests, not for speed."""
+"""A compiled model as dense matrices: forces, constraints, accelerations, projections. For references and tests, not
+for speed."""
 
 from __future__ import annotations
 
@@ -8,7 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.model.evaluate import add_constraint_stiffness, constraint_input_rates, evaluate_constraints, evaluate_forces
+from solver.model.evaluate import (
+    add_constraint_stiffness,
+    constraint_input_rates,
+    evaluate_constraints,
+    evaluate_forces,
+)
 from solver.model.state import fill_kinematics, new_kinematics, update_angles
 from solver.model.tables import Model
 
@@ -27,7 +33,8 @@ class MotionState(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Constraints at an instant: residual (nc,) (A v of rows that are not holonomic), time derivatives (nc,), Jacobian (nc, 6 nb)."""
+    """Constraints at an instant: residual (nc,) (A v of rows that are not holonomic), time derivatives (nc,), Jacobian
+    (nc, 6 nb)."""
 
     phi: np.ndarray
     phi_t: np.ndarray
@@ -36,9 +43,12 @@ class Rows(NamedTuple):
 
 
 class Equations:
-    """Forces and constraints of a compiled model as dense matrices. inputs: t [s] -> (nu,). Not thread-safe: one scratch."""
+    """Forces and constraints of a compiled model as dense matrices. inputs: t [s] -> (nu,). Not thread-safe: one
+    scratch."""
 
-    def __init__(self, model: Model, outputs: np.ndarray, inputs: Callable[[float], np.ndarray], angle: np.ndarray) -> None:
+    def __init__(
+        self, model: Model, outputs: np.ndarray, inputs: Callable[[float], np.ndarray], angle: np.ndarray
+    ) -> None:
         t = model.tables
         self.model, self.tables, self.outputs, self.inputs = model, t, outputs, inputs
         self.n = 6 * model.n_bodies
@@ -66,7 +76,8 @@ class Equations:
             p, r = slice(6 * b, 6 * b + 3), slice(6 * b + 3, 6 * b + 6)
             self.M[p, p] = t.bodies.mass[b] * np.eye(3)
             self.M[r, r] = t.bodies.inertia[b]
-            self.root[p, p] = np.sqrt(t.penalty_inverse_mass[b]) * np.eye(3)  # root root^T = M^-1, floored for massless bodies
+            # root root^T = M^-1, floored for massless bodies
+            self.root[p, p] = np.sqrt(t.penalty_inverse_mass[b]) * np.eye(3)
             self.root[r, r] = np.linalg.cholesky(t.penalty_inverse_inertia[b])
 
     def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
@@ -74,7 +85,8 @@ class Equations:
         fill_kinematics(q, v, self._kin)
 
     def _inputs(self, t: float) -> np.ndarray:
-        """Inputs at t; sampling a maneuver costs more than an evaluation of the forces, and an instant is asked for several times."""
+        """Inputs at t; sampling a maneuver costs more than an evaluation of the forces, and an instant is asked for
+        several times."""
         if self._sampled[0] != t:
             self._sampled = (t, self.inputs(t))
         return self._sampled[1]
@@ -99,7 +111,8 @@ class Equations:
         self.evaluations += 1
         z = np.zeros_like(zp)
         evaluate_forces(
-            self.tables, self._kin, self.angle, zp, cz, self._inputs(t), tangents, self._f, self._Kq, self._Kv, z, self.outputs
+            self.tables, self._kin, self.angle, zp, cz, self._inputs(t), tangents, self._f, self._Kq, self._Kv, z,
+            self.outputs
         )  # fmt: skip
         return self._f[:-1].ravel().copy(), z
 
@@ -133,8 +146,9 @@ class Equations:
     def internal_gradients(
         self, t: float, motion: MotionState, zp: np.ndarray, cz: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(df/dzp (6 nb, nz), dz/dzp (nz, nz), dz/dq (nz, 6 nb), dz/dv (nz, 6 nb)) of forces() at zp, cz, by central differences: the
-        kernels report what the forces lose by eliminating z, not z itself. Leaves the bodies at the motion."""
+        """(df/dzp (6 nb, nz), dz/dzp (nz, nz), dz/dq (nz, 6 nb), dz/dv (nz, 6 nb)) of forces() at zp, cz, by central
+        differences: the kernels report what the forces lose by eliminating z, not z itself. Leaves the bodies at the
+        motion."""
         nz = len(zp)
         f_z, z_z, z_q, z_v = np.zeros((self.n, nz)), np.zeros((nz, nz)), np.zeros((nz, self.n)), np.zeros((nz, self.n))
         for k, d in enumerate(DIFFERENCE * np.eye(nz)):
@@ -167,7 +181,8 @@ class Equations:
         return B * factor[:, None], factor
 
     def acceleration(self, t: float, motion: MotionState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(a (6 nb,), lam (nc,), dz/dt): smallest multipliers in the metric of the effective masses where they are not unique."""
+        """(a (6 nb,), lam (nc,), dz/dt): smallest multipliers in the metric of the effective masses where they are not
+        unique."""
         self.move_to(motion.q, motion.v)
         v = motion.v[:-1].ravel()
         rows = self.constraints(t)

@@ -23,19 +23,23 @@ KINDS = ('reference_kkt', *METHODS)  # of integrators
 
 
 class Following:
-    """See solver.engine.Engine. integrator.h is the output grid, integrator.tolerance the relative and absolute tolerance of the
-    integrator, which chooses its own steps; the other settings mean nothing here.
+    """See solver.engine.Engine. integrator.h is the output grid, integrator.tolerance the relative and absolute
+    tolerance of the integrator, which chooses its own steps; the other settings mean nothing here.
 
-    Outputs are projected onto the constraints; accelerations and multipliers are those that belong to the projected motion (of
-    redundant constraints the smallest set). Counters: force evaluations and factorizations. A restored run begins the integrator anew,
-    so it agrees to the tolerance, not bit by bit. Raises SpecError when the package of the integrator is missing.
+    Outputs are projected onto the constraints; accelerations and multipliers are those that belong to the projected
+    motion (of redundant constraints the smallest set). Counters: force evaluations and factorizations. A restored run
+    begins the integrator anew, so it agrees to the tolerance, not bit by bit. Raises SpecError when the package of the
+    integrator is missing.
     """
 
     follows = True
 
     def __init__(self, scene: Scene) -> None:
         if scene.integrator.kind not in KINDS:
-            raise SpecError(f'integrator: kind = {scene.integrator.kind!r}: this engine knows {", ".join(KINDS)}; use simulation_of(scene)')
+            raise SpecError(
+                f'integrator: kind = {scene.integrator.kind!r}: this engine knows {", ".join(KINDS)}; use '
+                'simulation_of(scene)'
+            )
         self.scene = scene
         self.shown = Bodies(scene)
         self.stage = 1.0 - self.shown.scheme.af
@@ -89,7 +93,10 @@ class Following:
                 raw = self.solver.advance(t)
             except StepError as error:
                 kind, step = self.scene.integrator.kind, k + done
-                why = f't = {self.solver.t:.6f} s, step {step}: {kind} stopped: {error} (it cannot pass singular positions)'
+                why = (
+                    f't = {self.solver.t:.6f} s, step {step}: {kind} stopped: {error} (it cannot pass singular '
+                    'positions)'
+                )
                 return Moved(done, NO_STEPS, why)
             self.equations.move_to(raw.q, raw.v)
             rows = self.equations.constraints(t)

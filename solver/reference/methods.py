@@ -12,7 +12,8 @@ Stabilised: [Gear1985], implicit. The multipliers are the derivatives of two unk
 This makes an implicit system of index 1, for the BDF and Radau methods of scipy_dae and for IDA of SUNDIALS
 (scikit-sundae):
 
-    dq/dt = v + M^-1 A^T dMu/dt        M dv/dt = f + A^T dLam/dt        dz/dt = g(z, q, v)        A v + phi_t = 0        phi = 0
+    dq/dt = v + M^-1 A^T dMu/dt        M dv/dt = f + A^T dLam/dt        dz/dt = g(z, q, v)        A v + phi_t = 0
+                                       phi = 0
 
 The rows of phi and Mu are the holonomic ones only. Of redundant constraints the method keeps a set of independent rows,
 and chooses another set when these become dependent. It stops at singular positions.
@@ -86,7 +87,9 @@ class Kkt:
         self.steps: list[float] = []
         self.t = t
         start = self.layout.pack(motion)
-        self.solver = DOP853(self._rate, t, start, np.inf, max_step=LONGEST_STEP, rtol=max(tolerance, 3e-14), atol=tolerance)
+        self.solver = DOP853(
+            self._rate, t, start, np.inf, max_step=LONGEST_STEP, rtol=max(tolerance, 3e-14), atol=tolerance
+        )
         self.interpolate: Callable[[float], np.ndarray] = lambda _: start
 
     def _rate(self, t: float, y: np.ndarray) -> np.ndarray:
@@ -128,7 +131,8 @@ class Stabilised:
             module = importlib.import_module('scipy_dae.integrate' if package == 'scipy_dae' else 'sksundae.ida')
         except ImportError:
             raise SpecError(
-                f"integrator: kind = {kind!r}: needs the package {package}; install it with pip install 'mbd_sim_ros[references]'"
+                f'integrator: kind = {kind!r}: needs the package {package}; install it with pip install '
+                "'mbd_sim_ros[references]'"
             ) from None
         self.method = getattr(module, name)
         self.factorizations = 0  # number of LU decompositions; with IDA that of Jacobians, each of which is decomposed
@@ -152,7 +156,9 @@ class Stabilised:
         options = {'rtol': self.tolerance, 'atol': self.tolerance, 'max_step': LONGEST_STEP}
         if self.kind == 'reference_ida':
             large = {'linsolver': 'lapackdense'} if self.size > LARGE else {}
-            self.solver = self.method(self._ida_residual, max_num_steps=1_000_000, jacfn=self._ida_jacobian, **large, **options)
+            self.solver = self.method(
+                self._ida_residual, max_num_steps=1_000_000, jacfn=self._ida_jacobian, **large, **options
+            )
             self.solver.init_step(t, y, yp)
         else:
             first = 1e-3 * self.tolerance**0.25

@@ -20,7 +20,10 @@ def turn_across(model: Model, begin: State, end: State, inputs: np.ndarray, h: f
     J: a Jacobian; only its shape is used.
     """
     return unexplained_turn(
-        *(_jacobian(model, s, t, inputs, np.zeros_like(J)) for s, t in ((begin, -h), (begin, 0.0), (end, 0.0), (end, h)))
+        *(
+            _jacobian(model, s, t, inputs, np.zeros_like(J))
+            for s, t in ((begin, -h), (begin, 0.0), (end, 0.0), (end, h))
+        )
     )
 
 

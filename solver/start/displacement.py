@@ -60,7 +60,8 @@ def require_near(x: float, y: float) -> None:
     parts."""
     if not (abs(x) <= FURTHEST and abs(y) <= FURTHEST):
         raise SpecError(
-            f'x = {x:g} m, y = {y:g} m: a vehicle can be placed within {FURTHEST:g} m of the origin, where its parts keep their lengths'
+            f'x = {x:g} m, y = {y:g} m: a vehicle can be placed within {FURTHEST:g} m of the origin, where its parts '
+            'keep their lengths'
         )
 
 

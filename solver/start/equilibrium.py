@@ -23,12 +23,13 @@ EQUILIBRIUM_TOLERANCE = 1e-11  # relative to the weight of the model, of torques
 ROUNDING = 1e2
 # Iterations in a row that do not halve the least residual: the search has stalled; ten times as many only take longer.
 STALLED = 8
-# Time that an iteration stands for, in dampers and internal states [s, of a model that falls as one of 1 m]: long against
-# every time constant in a model.
+# Time that an iteration stands for, in dampers and internal states [s, of a model that falls as one of 1 m]: long
+# against every time constant in a model.
 SETTLING = 1.0
 # Iterations at most of a first search, with elements in the form that leads nearer to the equilibrium (approach).
 APPROACH = 40
-# Lengths of the model by which the hold of a body gives way under its whole weight; ten times as much holds it less firmly.
+# Lengths of the model by which the hold of a body gives way under its whole weight; ten times as much holds it less
+# firmly.
 GIVE = 1e-4
 
 
@@ -40,15 +41,17 @@ class Equilibrium(ConsistentState):
         """Time [s] that the model takes to fall by its length, over that of a model of 1 m; 1 where nothing weighs."""
         return self.length / self.slow if self.slow > 0.0 else 1.0
 
-    def equilibrium(self, state: State, u: np.ndarray, limit: int = 400, *, hold: int | None = None, stable: bool = False) -> float:
+    def equilibrium(
+        self, state: State, u: np.ndarray, limit: int = 400, *, hold: int | None = None, stable: bool = False
+    ) -> float:
         """Static equilibrium: Newton on f(q, 0) + A^T lam = 0, phi = 0 with a pseudo-mass M/tau^2 that fades.
 
-        Changes state.q, state.lam, state.z, state.angle; state.v is set to zero. Returns the largest generalized force left [N
-        or N m]. Internal states follow the motion towards the equilibrium as if an iteration took SETTLING seconds: tires at rest
-        and brakes are springs between that motion and their force. Kinds of elements may act otherwise during the search
-        (ForceKind.held) or at its beginning (ForceKind.approach). hold: a body that is held along its x axis, at the place where it is.
-        Other directions without stiffness stay where they are. Raises ConsistencyError if it does not settle, and with `stable` if the
-        model would leave what was found.
+        Changes state.q, state.lam, state.z, state.angle; state.v is set to zero. Returns the largest generalized force
+        left [N or N m]. Internal states follow the motion towards the equilibrium as if an iteration took SETTLING
+        seconds: tires at rest and brakes are springs between that motion and their force. Kinds of elements may act
+        otherwise during the search (ForceKind.held) or at its beginning (ForceKind.approach). hold: a body that is held
+        along its x axis, at the place where it is. Other directions without stiffness stay where they are. Raises
+        ConsistencyError if it does not settle, and with `stable` if the model would leave what was found.
         """
         changed: dict[str, Any] = {}
         nearer: dict[str, Any] = {}
@@ -69,7 +72,9 @@ class Equilibrium(ConsistentState):
         left = self._settle(tables, state, u, limit, hold)
         if stable:
             kin, settling = self._constraints(state.q, np.zeros_like(state.v), state.angle, u), SETTLING * self.fall
-            evaluate_forces(tables, kin, state.angle, state.z, settling, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            evaluate_forces(
+                tables, kin, state.angle, state.z, settling, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs
+            )
             add_constraint_stiffness(self.t, kin, state.lam, self.Kq, self.Kv)
             if hold is not None:
                 self._hold(hold, state.q, place, self._weight() / (GIVE * self.length))
@@ -80,7 +85,8 @@ class Equilibrium(ConsistentState):
         return left
 
     def _hold(self, b: int, q: np.ndarray, start: np.ndarray, stiffness: float) -> None:
-        """Add a spring along the x axis of body b, from its place p (3,) at the start, to the forces and their tangent."""
+        """Add a spring along the x axis of body b, from its place p (3,) at the start, to the forces and their
+        tangent."""
         R = np.array(matrix_of_quaternion(tuple(q[b, 3:]))).reshape(3, 3)
         d, moved = R[:, 0], q[b, :3] - start
         s = product(d, moved)
@@ -108,7 +114,9 @@ class Equilibrium(ConsistentState):
         at_rest = np.zeros_like(state.v)
         for _ in range(limit):
             kin = self._constraints(state.q, at_rest, state.angle, u)
-            evaluate_forces(tables, kin, state.angle, state.z, settling, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            evaluate_forces(
+                tables, kin, state.angle, state.z, settling, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs
+            )
             scale = scale or self._weight()
             if hold is not None:
                 self._hold(hold, state.q, place, scale / (GIVE * self.length))
@@ -122,7 +130,8 @@ class Equilibrium(ConsistentState):
             enough = EQUILIBRIUM_TOLERANCE * (ROUNDING * scale if stalled >= STALLED else scale)
             if left <= enough and open_ < 1e-11:
                 return left
-            # a slow rise is not divergence: while a car rolls to where its brakes hold it, the residual grows before it falls
+            # a slow rise is not divergence: while a car rolls to where its brakes hold it, the residual grows before it
+            # falls
             tau = min(tau * (2.0 if left < 2.0 * last else 0.5), 1e2 * self.fall)
             tau = max(tau, 1e-3 * self.fall)
             last = left
@@ -131,7 +140,9 @@ class Equilibrium(ConsistentState):
             solve_saddle(self.t, CONDENSED, self.saddle, r, self.phi, self.dw, self.dlam)
             factor = min(1.0, 0.05 * self.length / max(self._largest(self.dw), 1e-300))
             kin = self._at(state.q, factor / settling * self.dw)
-            evaluate_forces(tables, kin, state.angle, state.z, settling, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            evaluate_forces(
+                tables, kin, state.angle, state.z, settling, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs
+            )
             state.z[:] = self.z
             move(state.q, factor * self.dw)
             state.lam[:] += factor * self.dlam
@@ -140,6 +151,8 @@ class Equilibrium(ConsistentState):
             return left
         b, c = np.unravel_index(np.argmax(np.abs(r / self.by_length)), r.shape)
         raise ConsistencyError(
-            f'start: no static equilibrium was found: {left:.3g} N (or N m) remain on body {self.model.body_names[b]!r} '
-            f'(component {"xyz"[c % 3]} of the {"force" if c < 3 else "torque"}); check springs, tires and the initial height'
+            f'start: no static equilibrium was found: {left:.3g} N (or N m) remain on body '
+            f'{self.model.body_names[b]!r} '
+            f'(component {"xyz"[c % 3]} of the {"force" if c < 3 else "torque"}); check springs, tires and the initial '
+            'height'
         )

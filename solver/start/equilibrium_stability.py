@@ -11,18 +11,19 @@ from solver.errors import ConsistencyError
 from solver.model.tables import Model
 from solver.output.dependence import RANK_TOLERANCE, dense_jacobian
 
-# Rate of growth from rest [1/s, of a model that falls as one of 1 m]: a slower one is friction or rounding; ten times as
-# much would pass a fall in 1 s.
+# Rate of growth from rest [1/s, of a model that falls as one of 1 m]: a slower one is friction or rounding; ten times
+# as much would pass a fall in 1 s.
 FASTEST_FALL = 0.1
-STIFFER = 10.0  # stiffness of constraints over the largest one of the model, in the quick test; ten times as much changes no answer
+# stiffness of constraints over the largest one of the model, in the quick test; ten times as much changes no answer
+STIFFER = 10.0
 
 
 def refuse_unstable(model: Model, K: np.ndarray, J: np.ndarray, metric: np.ndarray, fall: float = 1.0) -> None:
     """Raise ConsistencyError when a motion that keeps the constraints grows from rest faster than FASTEST_FALL.
 
-    K (ns + 1, 6, 6): blocks of the derivative of the forces, those of constraints included, with respect to the motion. J: blocks of the
-    constraints; those of velocities only count all the same. metric (nb, 6, 6): masses.
-    fall: time that the model takes to fall, over that of one of 1 m.
+    K (ns + 1, 6, 6): blocks of the derivative of the forces, those of constraints included, with respect to the motion.
+    J: blocks of the constraints; those of velocities only count all the same. metric (nb, 6, 6): masses. fall: time
+    that the model takes to fall, over that of one of 1 m.
     """
     n, fastest = 6 * model.n_bodies, FASTEST_FALL / fall
     stiffness = np.zeros((n + 6, n + 6))
@@ -57,5 +58,6 @@ def refuse_unstable(model: Model, K: np.ndarray, J: np.ndarray, metric: np.ndarr
         raise ConsistencyError(
             f'start: the static equilibrium that was found is unstable: '
             f'body {model.body_names[int(np.argmax(energy))]!r} falls away from it '
-            f'with exp({rates[worst]:.3g} t), t in s; place the bodies nearer to a stable one, or set start.stable: false'
+            f'with exp({rates[worst]:.3g} t), t in s; place the bodies nearer to a stable one, or set start.stable: '
+            'false'
         )

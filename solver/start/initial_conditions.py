@@ -1,4 +1,5 @@
-"""The start of a scene: assembly, static equilibrium, velocities; what is particular to vehicles is in solver.start.rolling."""
+"""The start of a scene: assembly, static equilibrium, velocities; what is particular to vehicles is in
+solver.start.rolling."""
 
 from __future__ import annotations
 
@@ -41,8 +42,8 @@ from solver.start.rolling import SETTLE_EVERY, held_body, lay_on_road, roll_whee
 from solver.step.work import Scheme, StepResult
 from solver.vehicle.size import size_of
 
-# s: what dampers dissipate in this time counts as much as kinetic energy (ConsistentState.project_velocity). Ten times as long moves the
-# velocities at which the full car starts by 1e-6 rad/s of 230, a tenth of it by 1e-5.
+# s: what dampers dissipate in this time counts as much as kinetic energy (ConsistentState.project_velocity). Ten times
+# as long moves the velocities at which the full car starts by 1e-6 rad/s of 230, a tenth of it by 1e-5.
 HELD = 100.0
 GRIP = 0.1  # friction of a road on which equilibrium is found from the placement on
 
@@ -67,7 +68,8 @@ class InitialConditions:
     ) -> None:
         self.scene, self.model, self.states, self.method, self.inputs = scene, model, states, method, inputs
         self.chassis, self.work, self.explain = chassis, work, explain
-        self.consistent = new_state(model)  # what find() found, before the integrator's part of it, which belongs to its step
+        # what find() found, before the integrator's part of it, which belongs to its step
+        self.consistent = new_state(model)
 
     @property
     def state(self) -> State:
@@ -75,15 +77,24 @@ class InitialConditions:
         return cast(State, self.states[0].value)
 
     def find(self) -> Changes:
-        """Assign the start of the scene to the state; returns what was changed of what is given. Raises ConsistencyError."""
+        """Assign the start of the scene to the state; returns what was changed of what is given. Raises
+        ConsistencyError."""
         placed, speed = self.state.q.copy(), self.scene.start.speed
         try:
-            return dataclasses.replace(self._find(), obstacle=edge_at_wheels(self.model, self.state.q, self.chassis, 0.0))
+            return dataclasses.replace(
+                self._find(), obstacle=edge_at_wheels(self.model, self.state.q, self.chassis, 0.0)
+            )
         except ConsistencyError as error:
-            rolled = abs(speed) * SETTLE_EVERY * size_of(self.model.spec).time if self.scene.start.kind == 'equilibrium' else 0.0
+            rolled = (
+                abs(speed) * SETTLE_EVERY * size_of(self.model.spec).time
+                if self.scene.start.kind == 'equilibrium'
+                else 0.0
+            )
             edge = edge_at_wheels(self.model, placed, self.chassis, rolled)
             if not edge:
-                odd = list(dict.fromkeys(filter(None, (oddest(tire.data, tire.pressure) for tire in self.model.spec.tires))))
+                odd = list(
+                    dict.fromkeys(filter(None, (oddest(tire.data, tire.pressure) for tire in self.model.spec.tires)))
+                )
                 if not odd:
                     raise
                 raise ConsistencyError(f'{error}; the tires are unusual, which may be why: {odd[0]}') from error
@@ -103,7 +114,8 @@ class InitialConditions:
         if start.kind == 'equilibrium' and start.speed and rates:
             raise ConsistencyError(
                 f'start.coordinates.{next(iter(rates))}.rate: has no effect: a vehicle that starts '
-                'from its equilibrium at start.speed has settled, with rates of its own; remove it, or set start.kind: assemble'
+                'from its equilibrium at start.speed has settled, with rates of its own; remove it, or set start.kind: '
+                'assemble'
             )
         refuse_points_without_distance(self.model, state)
         refuse_flat_discs(self.model, state)
@@ -127,7 +139,9 @@ class InitialConditions:
             self._settle(start.speed, u)
             refuse_overturned(self.model, self.state, self.chassis, start.speed)
             moves = self._moves(u)
-            calculation.project_velocity(self.state, without_brakes(self.model, u) if moves else u, hold=HELD if moves else 0.0)
+            calculation.project_velocity(
+                self.state, without_brakes(self.model, u) if moves else u, hold=HELD if moves else 0.0
+            )
         changed = changes(self.model, start.kind, placed, given, self.state, wanted=bool(rates), speed=start.speed)
         copy_state(self.state, self.consistent)
         calculation.start_integrator(self.state, u, method.h, method.am, method.af)
@@ -157,7 +171,9 @@ class InitialConditions:
         extra[self.model.n_rows :] = [-rate for rate in wanted.values()]
         # brakes hold the wheels to their carriers, which do not turn with them
         held = speed or self._moves(u)
-        extended.project_velocity(self.state, without_brakes(self.model, u) if held else u, extra, hold=HELD if held else 0.0)
+        extended.project_velocity(
+            self.state, without_brakes(self.model, u) if held else u, extra, hold=HELD if held else 0.0
+        )
         return given
 
     def _moves(self, u: np.ndarray) -> bool:
@@ -169,8 +185,8 @@ class InitialConditions:
         return bool(self.model.spec.tires) and bool(rates.any())
 
     def _rest(self, calculation: Equilibrium, state: State, u: np.ndarray) -> None:
-        """Static equilibrium, of a braked vehicle from where it rests with its brakes released: locked wheels that settle from the
-        placement on roll with what carries them, and jack a car up that stands on a slope.
+        """Static equilibrium, of a braked vehicle from where it rests with its brakes released: locked wheels that
+        settle from the placement on roll with what carries them, and jack a car up that stands on a slope.
         """
         lay_on_road(self.model, state, self.chassis)
         held = held_body(self.model, self.chassis, u)
@@ -196,8 +212,8 @@ class InitialConditions:
         refuse_unloaded_wheels(self.model, state, u)
 
     def _rougher(self) -> Equilibrium | None:
-        """The model on a road of at least GRIP; None on a road that is. On ice tires slide from where they are placed to where they rest,
-        and the search seldom ends; from where they rest with friction it is not far.
+        """The model on a road of at least GRIP; None on a road that is. On ice tires slide from where they are placed
+        to where they rest, and the search seldom ends; from where they rest with friction it is not far.
         """
         spec = self.model.spec
         road = spec.road
@@ -218,7 +234,9 @@ class InitialConditions:
         if not names:
             return ConsistentState(self.model)
         spec = self.model.spec
-        rows = tuple(CouplerSpec(name=f'start of {n}', terms=((n, 1.0),), offset=o) for n, o in zip(names, offsets, strict=True))
+        rows = tuple(
+            CouplerSpec(name=f'start of {n}', terms=((n, 1.0),), offset=o) for n, o in zip(names, offsets, strict=True)
+        )
         model = prepare(type(spec)(**{**spec.__dict__, 'couplers': spec.couplers + rows}))
         return ConsistentState(model)
 

@@ -1,7 +1,7 @@
 """A consistent start: assembly of positions, projection of velocities, accelerations and multipliers.
 
-All of them are Newton iterations on the same saddle system as the step (solver.model.saddle), in its n x n form with repeated
-augmentation [Bayo1996], so redundant constraints are harmless here too.
+All of them are Newton iterations on the same saddle system as the step (solver.model.saddle), in its n x n form with
+repeated augmentation [Bayo1996], so redundant constraints are harmless here too.
 """
 
 from __future__ import annotations
@@ -24,32 +24,44 @@ from solver.model.evaluate import (
     evaluate_forces,
     turning_rows,
 )
-from solver.model.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, new_saddle, solve_saddle
+from solver.model.saddle import (
+    CONDENSED,
+    assemble_tangent,
+    effective_masses,
+    factorize_saddle,
+    new_saddle,
+    solve_saddle,
+)
 from solver.model.state import State, fill_kinematics, new_kinematics, update_angles
 from solver.model.tables import Model
 from solver.vehicle.size import scale_of
 
 PENALTY = 1e6  # above it rounding of small inertias beside large ones shows
-STIFFEST = 1e4  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
-HEAVY, SOFTER = 100.0, 1e2  # kg of the effective mass of a row, from which on held velocities have smaller penalties; 1/s^2
+# 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
+STIFFEST = 1e4
+# kg of the effective mass of a row, from which on held velocities have smaller penalties; 1/s^2
+HEAVY, SOFTER = 100.0, 1e2
 SOFTEST = 1.0  # 1/s^2, where rounding of larger ones moves a part that is light and not damped
 AUGMENTATIONS = 400  # at most; each gains a factor 1 + PENALTY s_min, little where a light body carries a heavy one
 PLAIN, COMBINED = 10, 2  # augmentations for accelerations: first one by one, then combined by GMRES
-# Part of the slow speed of the model (solver.model.scale; where nothing weighs, of the velocities given) by which velocities may violate
-# constraints at the start; a start with more is refused.
+# Part of the slow speed of the model (solver.model.scale; where nothing weighs, of the velocities given) by which
+# velocities may violate constraints at the start; a start with more is refused.
 OPEN = 1e-8
 STAGNATION = 0.5  # change over the one before, above which an iteration has come to rounding and ends
 KRYLOV = 40  # augmentations that GMRES combines at most; ten times as many need ten times the memory
-# Lengths of the model, or rad, by which constraints may be open after the assembly, where positions have so many digits.
+# Lengths of the model, or rad, by which constraints may be open after the assembly, where positions have so many
+# digits.
 ASSEMBLY_TOLERANCE = 1e-12
 POSITION_ROUNDING = 1e-15  # relative rounding of a position: far from the origin no constraint closes any better
 CONTRADICTING = 1e-5  # lengths of the model, or rad, that stay open where joints are nearly right
-LARGEST_TURN = 0.3  # rad, or lengths of the model, per iteration of the assembly, so that no coordinate turns by pi at once
+# rad, or lengths of the model, per iteration of the assembly, so that no coordinate turns by pi at once
+LARGEST_TURN = 0.3
 FARTHEST = 10000  # such iterations that a start may be away: 3000 rad
 CLEARANCE = 10.0  # height at which no tire touches any road [m]
 CLOSING = 10  # iterations that close constraints beside the start
 UNRESOLVED = 0.5  # part of the change of an acceleration over a step that a Taylor polynomial may miss
-UNSEEN = 1e-9  # lengths of the model, or rad, in a step: a change of acceleration that moves a body by less is not sudden
+# lengths of the model, or rad, in a step: a change of acceleration that moves a body by less is not sudden
+UNSEEN = 1e-9
 
 
 class ConsistentState:
@@ -83,10 +95,13 @@ class ConsistentState:
         self.metric[:, :3, :3] = np.eye(3) / self.t.penalty_inverse_mass[:, None, None]
         self.metric[:, 3:, 3:] = inverse(self.t.penalty_inverse_inertia)
 
-    def _factorize(self, cm: float, cq: float, cv: float, metric: bool, holonomic: bool = False, stiffest: float = STIFFEST) -> None:
+    def _factorize(
+        self, cm: float, cq: float, cv: float, metric: bool, holonomic: bool = False, stiffest: float = STIFFEST
+    ) -> None:
         """Factorize cm M - cq Kq - cv Kv with the constraints at self.J; metric: use the floored masses instead of M.
 
-        holonomic: leave out rows that constrain velocities only. stiffest [1/s^2]: smallest factor of the penalties beside stiffness.
+        holonomic: leave out rows that constrain velocities only. stiffest [1/s^2]: smallest factor of the penalties
+        beside stiffness.
         """
         self.saddle.J_force[:] = self.J
         self.saddle.J_row[:, :, :6] = self.J
@@ -100,11 +115,13 @@ class ConsistentState:
         bad = factorize_saddle(self.t, CONDENSED, self.saddle)
         if bad >= 0:
             raise ConsistencyError(
-                f'start: the system is singular at body {self.model.body_names[bad]!r}; give it a mass and inertia or constrain it'
+                f'start: the system is singular at body {self.model.body_names[bad]!r}; give it a mass and inertia or '
+                'constrain it'
             )
 
     def _at(self, q: np.ndarray, v: np.ndarray) -> Ref:
-        """Kinematics (by reference) of a configuration and twist, until the next call: a new Ref takes as long as an evaluation."""
+        """Kinematics (by reference) of a configuration and twist, until the next call: a new Ref takes as long as an
+        evaluation."""
         fill_kinematics(q, v, self._kin)
         return self._kin
 
@@ -127,9 +144,9 @@ class ConsistentState:
     def assemble(self, state: State, u: np.ndarray, offsets: np.ndarray | None = None, limit: int = 200) -> None:
         """Move state.q onto phi = 0 by damped Gauss-Newton in the metric of the masses; updates state.angle.
 
-        state.angle follows every move, so a start or a gear may wind a coordinate by any number of turns.
-        offsets (nc,): added to phi. limit: iterations, besides those that the first correction takes in parts of LARGEST_TURN. Raises
-        ConsistencyError naming the constraint that stays open.
+        state.angle follows every move, so a start or a gear may wind a coordinate by any number of turns. offsets
+        (nc,): added to phi. limit: iterations, besides those that the first correction takes in parts of LARGEST_TURN.
+        Raises ConsistencyError naming the constraint that stays open.
         """
         self.Kq[:] = 0.0
         self.Kv[:] = 0.0
@@ -159,20 +176,23 @@ class ConsistentState:
                         'by one with fewer rows (spherical, point_on_line)'
                     )
                 raise ConsistencyError(
-                    f'start: the mechanism cannot be assembled from the given placement: constraint {self._worst_row(residual)!r} '
+                    'start: the mechanism cannot be assembled from the given placement: constraint '
+                    f'{self._worst_row(residual)!r} '
                     f'stays open by {np.abs(residual).max():.3g}; {remedy}'
                 )
         update_angles(self.coordinates, self._at(state.q, state.v), state.angle)
 
     def project_velocity(self, state: State, u: np.ndarray, extra: np.ndarray | None = None, hold: float = 0.0) -> None:
-        """Make state.v satisfy A v + phi_t = 0 with the smallest change of kinetic energy; extra (nc,) is added to phi_t.
+        """Make state.v satisfy A v + phi_t = 0 with the smallest change of kinetic energy; extra (nc,) is added to
+        phi_t.
 
         Augmentations go on, from the residual of M (v - given) = A^T lam too, until only rounding is left.
 
-        hold [s]: what dampers dissipate in this time counts as much as kinetic energy. So parts that only elastic elements connect
-        start to move together: shafts turn with the wheels they drive, and do not turn what carries them. Not the tires. A row between two
-        heavy bodies (a trailer on its ball) has smaller penalties: beside the usual ones rounding took more than an augmentation gave. So
-        have all where light parts are not damped, and the usual ones diverge.
+        hold [s]: what dampers dissipate in this time counts as much as kinetic energy. So parts that only elastic
+        elements connect start to move together: shafts turn with the wheels they drive, and do not turn what carries
+        them. Not the tires. A row between two heavy bodies (a trailer on its ball) has smaller penalties: beside the
+        usual ones rounding took more than an augmentation gave. So have all where light parts are not damped, and the
+        usual ones diverge.
         """
         self._constraints(state.q, state.v, state.angle, u)
         constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
@@ -184,7 +204,9 @@ class ConsistentState:
             in_the_air = state.q.copy()
             in_the_air[:-1, 2] += CLEARANCE
             at_rest = self._at(in_the_air, np.zeros_like(state.v))
-            evaluate_forces(self.t, at_rest, state.angle, state.z, 0.0, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            evaluate_forces(
+                self.t, at_rest, state.angle, state.z, 0.0, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs
+            )
         effective_masses(self.t, self.J, self.saddle.W)
         heavy = self.saddle.W.max(initial=0.0) > HEAVY
         given, rate = state.v.copy(), np.zeros(self.model.n_rows)
@@ -196,7 +218,9 @@ class ConsistentState:
             if done or hold == 0.0:  # without dampers the penalties do not depend on it
                 break
         else:
-            raise ConsistencyError('start: no velocity satisfies the constraints to rounding; give light parts more mass and inertia')
+            raise ConsistencyError(
+                'start: no velocity satisfies the constraints to rounding; give light parts more mass and inertia'
+            )
         if hold == 0.0 and not (done and self._violated(rate) <= most):  # a light chain carries something heavy
             constraint_rates(self.constraints, self.J, given, rate)
             state.v[:] = given + self._constrained(0.0, rate + self.phi_t)[0]
@@ -204,14 +228,16 @@ class ConsistentState:
             rate += self.phi_t
         if not self._violated(rate) <= most:
             raise ConsistencyError(
-                f'start: no velocity satisfies the constraints: {self._worst_row(rate)!r} is violated by {np.abs(rate).max():.3g}; '
+                f'start: no velocity satisfies the constraints: {self._worst_row(rate)!r} is violated by '
+                f'{np.abs(rate).max():.3g}; '
                 'remove contradicting initial rates'
             )
 
     def _augment_velocity(self, state: State, hold: float, rate: np.ndarray) -> bool:
         """Augment the velocities until only rounding is left, and assign what is left of the constraints' rates (nc,).
 
-        False where a correction is larger than all velocities before: the rounding of the penalties moves a part that is so light.
+        False where a correction is larger than all velocities before: the rounding of the penalties moves a part that
+        is so light.
         """
         given, lam = state.v.copy(), np.zeros(self.model.n_rows)
         last, largest = np.inf, max(self.slow, self._largest(given))
@@ -245,8 +271,9 @@ class ConsistentState:
     def acceleration(self, q, v, z, angle, u) -> tuple[np.ndarray, np.ndarray]:
         """(a (nb+1, 6), lam (nc,)) with M a = f + A^T lam and d/dt (A v + phi_t) = 0.
 
-        By augmentation, which adds nothing to the multipliers of redundant constraints that balance each other. It gains little where a
-        light body carries a heavy one or turns freely about an axis; what is left there GMRES finds as a combination of augmentations.
+        By augmentation, which adds nothing to the multipliers of redundant constraints that balance each other. It
+        gains little where a light body carries a heavy one or turns freely about an axis; what is left there GMRES
+        finds as a combination of augmentations.
         """
         kin = self._constraints(q, v, angle, u)
         evaluate_forces(self.t, kin, angle, z, 0.0, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
@@ -281,10 +308,12 @@ class ConsistentState:
         solve_saddle(self.t, CONDENSED, self.saddle, r, rate + bias, self.dw, self.dlam)
 
     def _combine(self) -> None:
-        """Replace dw and dlam by the combination of augmentations, from them on, after which least is left to augment."""
+        """Replace dw and dlam by the combination of augmentations, from them on, after which least is left to
+        augment."""
         n = self.dw.size
         masses = np.diagonal(self.metric, axis1=1, axis2=2)
-        weight = np.sqrt(np.concatenate([masses.ravel(), np.ones(6), 1.0 / self.saddle.W]))  # both parts of the vector as energies
+        # both parts of the vector as energies
+        weight = np.sqrt(np.concatenate([masses.ravel(), np.ones(6), 1.0 / self.saddle.W]))
 
         def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             return (x / weight)[:n].reshape(-1, 6), (x / weight)[n:]
@@ -320,13 +349,15 @@ class ConsistentState:
         return bias
 
     def start_integrator(self, state: State, u: np.ndarray, h: float, am: float, af: float) -> None:
-        """Assign state.a, a_stage, lam, lam_before and zd, and adjust state.v, so that every step is second order from the first one on.
+        """Assign state.a, a_stage, lam, lam_before and zd, and adjust state.v, so that every step is second order from
+        the first one on.
 
-        The scheme's a_n belongs to t_n + (am - af) h and its multipliers to t_n - af h; both are reached by a central difference
-        along the motion. Its velocity satisfies A v + phi_t = -h^2 A e, with e h^3 the local error of the increment of a step:
-        started with A v + phi_t = 0, it would jump there by O(h^2) in the first step and disturb the multipliers by O(h), which
-        rho_inf = 1 never forgets [Arnold2015]. The increment of the exact motion is h v + h^2/2 a + h^3/6 da/dt,
-        in rotations plus h^3/12 w x dw/dt; the scheme has h v + h^2 ((1/2 - beta) a_n + beta a_n+1).
+        The scheme's a_n belongs to t_n + (am - af) h and its multipliers to t_n - af h; both are reached by a central
+        difference along the motion. Its velocity satisfies A v + phi_t = -h^2 A e, with e h^3 the local error of the
+        increment of a step: started with A v + phi_t = 0, it would jump there by O(h^2) in the first step and disturb
+        the multipliers by O(h), which rho_inf = 1 never forgets [Arnold2015]. The increment of the exact motion is h v
+        + h^2/2 a + h^3/6 da/dt, in rotations plus h^3/12 w x dw/dt; the scheme has h v + h^2 ((1/2 - beta) a_n + beta
+        a_n+1).
 
         The uncorrected values are taken where the motion is too fast for the step to resolve (h |da/dt| > |a|). The
         acceleration over the step is taken where an element is so stiff that its acceleration at the first instant
@@ -345,10 +376,11 @@ class ConsistentState:
         for s in (d, -d):
             q = state.q.copy()
             move(q, s * state.v + 0.5 * s * s * a)
-            # Where they are open redundant constraints seem to hold what nothing needs to (solver.step.augmentation), with multipliers
-            # that mean nothing and are divided by d.
+            # Where they are open redundant constraints seem to hold what nothing needs to (solver.step.augmentation),
+            # with multipliers that mean nothing and are divided by d.
             closed = state._replace(q=q.copy(), angle=state.angle.copy())
-            with suppress(ConsistencyError):  # next to a singular position that may take long, and nothing is redundant there
+            # next to a singular position that may take long, and nothing is redundant there
+            with suppress(ConsistencyError):
                 self.assemble(closed, u, s * phi_t + 0.5 * s * s * phi_tt, limit=CLOSING)
                 q = closed.q
             sides.append(self.acceleration(q, state.v + s * a, state.z + s * state.zd, state.angle, u))
@@ -368,7 +400,8 @@ class ConsistentState:
         state.lam_before[:] = state.lam - (h * lam_rate if smooth else 0.0)
         state.a_stage_before[:] = state.a_stage - (h * a_rate if smooth else 0.0)
         if smooth:
-            e = (0.25 * (1.0 + (am - af) ** 2) - 1 / 6) * a_rate  # beta + (am - af) / 2 - 1/6, with beta = (1 - (am - af))^2 / 4
+            # beta + (am - af) / 2 - 1/6, with beta = (1 - (am - af))^2 / 4
+            e = (0.25 * (1.0 + (am - af) ** 2) - 1 / 6) * a_rate
             e[:, 3:] -= np.cross(state.v[:, 3:], a[:, 3:]) / 12
             self._constraints(state.q, state.v, state.angle, u)
             excess = np.zeros(self.model.n_rows)
@@ -376,7 +409,8 @@ class ConsistentState:
             self.project_velocity(state, u, h * h * excess * self.t.constraints.holonomic)
 
     def _acceleration_over_a_step(self, state: State, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-        """(a (nb+1, 6), lam (nc,)) of a linearised backward Euler step of h [s]: M a = f(q + h (v + h a), v + h a) + A^T lam.
+        """(a (nb+1, 6), lam (nc,)) of a linearised backward Euler step of h [s]: M a = f(q + h (v + h a), v + h a) +
+        A^T lam.
 
         Constraints are those of acceleration(). It is the acceleration at the end of the step for resolved motions;
         stiff elements relax.

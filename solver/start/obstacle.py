@@ -1,4 +1,5 @@
-"""Kerbs and steps of the road under or before the wheels of a vehicle whose start fails: a contact at a point cannot roll over them."""
+"""Kerbs and steps of the road under or before the wheels of a vehicle whose start fails: a contact at a point cannot
+roll over them."""
 
 from __future__ import annotations
 
@@ -16,13 +17,16 @@ from solver.elements.tire_pacejka import TIRES, TireSpec
 from solver.model.frames import matrix
 from solver.model.tables import Model
 
-LOOKS = 60.0  # places in a radius of a wheel at which the road is looked at; ten times as many would find the same edges more slowly
-EDGE = 0.1  # of the steepest slope of an edge, from which on the road belongs to it; 1 would leave nothing of its height
+# places in a radius of a wheel at which the road is looked at; ten times as many would find the same edges more slowly
+LOOKS = 60.0
+# of the steepest slope of an edge, from which on the road belongs to it; 1 would leave nothing of its height
+EDGE = 0.1
 LEAST = 0.05  # of the radius of a wheel: a lower edge is no reason why a start fails
 
 
 class _Edge(NamedTuple):
-    """height [m] of an edge, negative downwards; distance [m] of its middle from the centre of the wheel, positive ahead or to the left."""
+    """height [m] of an edge, negative downwards; distance [m] of its middle from the centre of the wheel, positive
+    ahead or to the left."""
 
     height: float
     distance: float
@@ -31,17 +35,22 @@ class _Edge(NamedTuple):
 
 
 def edge_at_wheels(model: Model, q: np.ndarray, chassis: int, ahead: float) -> str:
-    """The sentence about the highest edge of the road at the wheels, or nothing where there is none that they touch at a point.
+    """The sentence about the highest edge of the road at the wheels, or nothing where there is none that they touch at
+    a point.
 
-    q (nb + 1, 7): the placement of the bodies. chassis: its index. ahead [m]: how far the wheels roll while the start is sought. An edge
-    is a hollow that is rounder than the wheel, under it or within its radius of where it rolls.
+    q (nb + 1, 7): the placement of the bodies. chassis: its index. ahead [m]: how far the wheels roll while the start
+    is sought. An edge is a hollow that is rounder than the wheel, under it or within its radius of where it rolls.
     """
     road = model.spec.road
     if not model.spec.tires:
         return ''
     base = footprint([tire.data for tire in model.spec.tires])
     assert base is not None
-    touched = [g for g, enveloped in zip(road.grids, envelops(road, base), strict=True) if not enveloped and not isinstance(g, RandomRoad)]
+    touched = [
+        g
+        for g, enveloped in zip(road.grids, envelops(road, base), strict=True)
+        if not enveloped and not isinstance(g, RandomRoad)
+    ]
     if not touched:
         return ''
     table = Ref(model.elements[TIRES.name].value.road)
@@ -63,11 +72,16 @@ def edge_at_wheels(model: Model, q: np.ndarray, chassis: int, ahead: float) -> s
         return ''
     edge = max(found, key=lambda e: (round(abs(e.height), 3), -abs(e.distance)))
     what = 'kerb' if edge.height > 0.0 or not edge.along else 'step down'
-    side = ('before' if edge.distance > 0.0 else 'behind') if edge.along else ('left of' if edge.distance > 0.0 else 'right of')
+    side = (
+        ('before' if edge.distance > 0.0 else 'behind')
+        if edge.along
+        else ('left of' if edge.distance > 0.0 else 'right of')
+    )
     where = f'{abs(edge.distance):.2f} m {side} the centre of' if abs(edge.distance) >= 0.01 else 'under'
     rolls = f', and the wheels roll {ahead:.2g} m ahead while the car settles at its speed' if ahead > 0.0 else ''
     return (
-        f'a {what} of {1e3 * abs(edge.height):.3g} mm is {where} wheel {edge.wheel!r}{rolls}; the tires touch it at a point (road.contact: '
+        f'a {what} of {1e3 * abs(edge.height):.3g} mm is {where} wheel {edge.wheel!r}{rolls}; the tires touch it at a '
+        'point (road.contact: '
         'point), which cannot roll over an edge: set road.contact: enveloping, or start further away from it'
     )
 
@@ -78,8 +92,9 @@ def _width(tire: TireSpec) -> float:
 
 
 def _highest(s: np.ndarray, z: np.ndarray, nodes: np.ndarray, radius: float) -> tuple[float, float] | None:
-    """(height [m], place of the middle [m]) of the steepest edge in a profile z (n,) over s (n,) [m], where there is one that is rounder
-    than a wheel of this radius [m]. nodes (n,): the profile between straight lines, without what a spline swings beyond an edge."""
+    """(height [m], place of the middle [m]) of the steepest edge in a profile z (n,) over s (n,) [m], where there is
+    one that is rounder than a wheel of this radius [m]. nodes (n,): the profile between straight lines, without what a
+    spline swings beyond an edge."""
     slope = np.diff(z) / np.diff(s)
     if not len(slope) > 1 or np.abs(np.diff(slope)).max() / (s[1] - s[0]) <= 1.0 / radius:
         return None

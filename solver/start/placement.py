@@ -30,7 +30,8 @@ from solver.vehicle.size import scale_of
 # and of velocities in slow speeds of the model (solver.model.scale). Files have numbers with finitely many digits,
 # which leave less than that. Ten times as much would hide a visible misplacement.
 OPEN = 1e-6
-# Distance, in lengths of the model, of two points that count as one; ten times as much is still far below any length that is written.
+# Distance, in lengths of the model, of two points that count as one; ten times as much is still far below any length
+# that is written.
 COINCIDING = 1e-12
 PARALLEL = ('fixed', 'prismatic')  # kinds of joints that keep the axes of their two markers parallel
 # 1 + the cosine between two axes that count as opposite: they are less than 3e-5 rad from it. Ten times as much: 1e-4
@@ -78,13 +79,18 @@ class Changes:
             faster, spun = _said(self.velocity, 'm/s', self.faster), _said(self.rate, 'rad/s', self.spun)
             parts.append(f'{self.set_by}: velocities changed by up to {" and ".join(filter(None, (faster, spun)))}')
         if self.corrected:
-            parts.append(f'the velocity given for {self.corrected} does not fit the constraints and was changed by {self.correction:.3g}')
+            parts.append(
+                f'the velocity given for {self.corrected} does not fit the constraints and was changed by '
+                f'{self.correction:.3g}'
+            )
         if self.obstacle:
             parts.append(self.obstacle)
         return '; '.join(parts) or 'as given'
 
 
-def changes(model: Model, kind: str, placed: np.ndarray, given: np.ndarray, state: State, *, wanted: bool, speed: float) -> Changes:
+def changes(
+    model: Model, kind: str, placed: np.ndarray, given: np.ndarray, state: State, *, wanted: bool, speed: float
+) -> Changes:
     """Compare the state of a start with what was given.
 
     kind: start.kind. placed: placement (nb + 1, 7). given: velocities (nb + 1, 6). wanted: whether the scene asks for
@@ -102,15 +108,22 @@ def changes(model: Model, kind: str, placed: np.ndarray, given: np.ndarray, stat
     causes = (['rolling at start.speed'] if speed else []) + (['rates wanted in start.coordinates'] if wanted else [])
     found: dict[str, Any] = {}
     if max(distance.max(initial=0.0) / length, turn.max(initial=0.0)) > OPEN:
-        moved, turned = _largest(names, distance, 'moved', 'distance', OPEN * length), _largest(names, turn, 'turned', 'turn', OPEN)
+        moved, turned = (
+            _largest(names, distance, 'moved', 'distance', OPEN * length),
+            _largest(names, turn, 'turned', 'turn', OPEN),
+        )
         found |= moved | turned | {'placed_by': by}
     faster = OPEN * slow
     if max(velocity.max(initial=0.0), length * rate.max(initial=0.0)) > faster:
         set_by = ' and '.join(causes) or 'the constraints'
-        found |= _largest(names, velocity, 'faster', 'velocity', faster) | _largest(names, rate, 'spun', 'rate', faster / length)
+        found |= _largest(names, velocity, 'faster', 'velocity', faster) | _largest(
+            names, rate, 'spun', 'rate', faster / length
+        )
         found |= {'set_by': set_by}
         own = np.array([any((*body.velocity, *body.angular_velocity)) for body in model.spec.bodies])
-        found |= _largest(names, own * np.maximum(velocity, rate), 'corrected', 'correction', faster * min(1.0, 1.0 / length))
+        found |= _largest(
+            names, own * np.maximum(velocity, rate), 'corrected', 'correction', faster * min(1.0, 1.0 / length)
+        )
     return Changes(kind=kind, **found)
 
 
@@ -118,7 +131,9 @@ def _said(value: float, unit: str, body: str) -> str:
     return f'{value:.3g} {unit} ({body})' if body else ''
 
 
-def _largest(names: list[str] | tuple[str, ...], values: np.ndarray, body: str, value: str, least: float) -> dict[str, Any]:
+def _largest(
+    names: list[str] | tuple[str, ...], values: np.ndarray, body: str, value: str, least: float
+) -> dict[str, Any]:
     """{body: name of the body with the largest value, value: that value}, or {} if it is below `least`."""
     worst = int(np.argmax(values))
     return {body: names[worst], value: float(values[worst])} if values[worst] > least else {}
@@ -154,7 +169,9 @@ def _described(model: Model, phi: np.ndarray, row: int) -> str:
         if first <= row < first + len(codes):
             own = phi[first : first + len(codes)]
             apart = [x for x, code in zip(own, codes, strict=True) if code >= PX or code in (DISTANCE, *range(AXES))]
-            angle = [0.5 * x if code == TWIST else x for x, code in zip(own, codes, strict=True) if AXES <= code <= TWIST]
+            angle = [
+                0.5 * x if code == TWIST else x for x, code in zip(own, codes, strict=True) if AXES <= code <= TWIST
+            ]
             parts = [f'{norm(np.array(apart)):.6g} m'] if norm(np.array(apart)) > OPEN * scale_of(model.spec)[0] else []
             if norm(np.array(angle)) > OPEN:
                 parts.append(f'{math.degrees(math.asin(min(1.0, norm(np.array(angle))))):.4g} deg')
@@ -169,7 +186,8 @@ def refuse_flat_discs(model: Model, state: State) -> None:
         axis, normal = (_axes(model, state, marker)[:, 2] for marker in (contact.j, contact.i))
         if contact.kind == 'rolling' and norm(np.cross(axis, normal)) < COINCIDING:
             raise ConsistencyError(
-                f'start: the disc of contact {contact.name!r} lies flat on its plane, where it has no lowest point to roll on; tilt the '
+                f'start: the disc of contact {contact.name!r} lies flat on its plane, where it has no lowest point to '
+                'roll on; tilt the '
                 f'body {contact.j.body!r}, or give the axis of the disc in its marker j'
             )
 
@@ -178,9 +196,13 @@ def refuse_points_without_distance(model: Model, state: State) -> None:
     """Raise ConsistencyError for a distance joint whose points coincide: it has no direction there."""
     length, _ = scale_of(model.spec)
     for joint in model.spec.joints:
-        if joint.kind == 'distance' and norm(_point(model, state, joint.j) - _point(model, state, joint.i)) < COINCIDING * length:
+        if (
+            joint.kind == 'distance'
+            and norm(_point(model, state, joint.j) - _point(model, state, joint.i)) < COINCIDING * length
+        ):
             raise ConsistencyError(
-                f'start: the points of joint {joint.name!r} (distance) coincide, so it has no direction; place one of its bodies elsewhere'
+                f'start: the points of joint {joint.name!r} (distance) coincide, so it has no direction; place one of '
+                'its bodies elsewhere'
             )
 
 
@@ -191,7 +213,8 @@ def refuse_links_without_length(model: Model, state: State) -> None:
         for link in links:
             if norm(_point(model, state, link.j) - _point(model, state, link.i)) < COINCIDING * length:
                 raise ConsistencyError(
-                    f'start: {element} {link.name!r} has length zero, so its force has no direction; place its bodies apart'
+                    f'start: {element} {link.name!r} has length zero, so its force has no direction; place its bodies '
+                    'apart'
                 )
 
 
@@ -202,10 +225,13 @@ def refuse_turned_over(model: Model, state: State) -> None:
         if joint.kind not in PARALLEL:
             continue
         F, G = _axes(model, state, joint.i), _axes(model, state, joint.j)
-        if float(product(F[:, 0], G[:, 0]) + product(F[:, 1], G[:, 1]) + product(F[:, 2], G[:, 2])) < 0.0:  # 3 where parallel, -1 else
+        # 3 where parallel, -1 else
+        if float(product(F[:, 0], G[:, 0]) + product(F[:, 1], G[:, 1]) + product(F[:, 2], G[:, 2])) < 0.0:
             raise ConsistencyError(
-                f'start: the markers of joint {joint.name!r} ({joint.kind}) are turned by 180 deg against each other; turn one of the two '
-                'markers by 180 deg, or, where start.kind: assemble turned them over, place its bodies nearer to their assembled positions'
+                f'start: the markers of joint {joint.name!r} ({joint.kind}) are turned by 180 deg against each other; '
+                'turn one of the two '
+                'markers by 180 deg, or, where start.kind: assemble turned them over, place its bodies nearer to their '
+                'assembled positions'
             )
 
 
@@ -213,7 +239,9 @@ def refuse_overturned(model: Model, state: State, chassis: int, speed: float) ->
     """Raise ConsistencyError for a vehicle that lies on its roof after it has settled at a speed [m/s]."""
     up = matrix_of_quaternion(tuple(state.q[chassis, 3:]))[8]  # component zz
     if model.spec.tires and up < 0.0:
-        raise ConsistencyError(f'start: the vehicle turns over while it settles at {speed:g} m/s; place it where the road is flatter')
+        raise ConsistencyError(
+            f'start: the vehicle turns over while it settles at {speed:g} m/s; place it where the road is flatter'
+        )
 
 
 def _axes(model: Model, state: State, marker: Marker) -> np.ndarray:
@@ -247,16 +275,20 @@ def refuse_undirected(model: Model, state: State, u: np.ndarray) -> None:
         n, m = product(kin.R[i], axes.F[k, :, 2]), product(kin.R[j], axes.G[k, :, 2])
         if 1.0 + float(product(n, m)) < OPPOSED:
             raise ConsistencyError(
-                f'start: the axes of the two markers of {model.coordinate_names[k]!r} point in opposite directions, where its angle is not '
+                f'start: the axes of the two markers of {model.coordinate_names[k]!r} point in opposite directions, '
+                'where its angle is not '
                 'defined; turn one of the two markers by 180 deg'
             )
     if not model.spec.spring_dampers:
         return
-    for spec, out in zip(model.spec.spring_dampers, model.outputs(SPRING_DAMPERS.name, _outputs(model, state, u)), strict=True):
+    for spec, out in zip(
+        model.spec.spring_dampers, model.outputs(SPRING_DAMPERS.name, _outputs(model, state, u)), strict=True
+    ):
         length, force = out[SPRING_DAMPERS.column('length')], out[SPRING_DAMPERS.column('force')]
         if length < COINCIDING * scale_of(model.spec)[0] and force != 0.0:
             raise ConsistencyError(
-                f'start: spring-damper {spec.name!r} has length zero, so its force of {force:.3g} N has no direction; place its bodies '
+                f'start: spring-damper {spec.name!r} has length zero, so its force of {force:.3g} N has no direction; '
+                'place its bodies '
                 'apart, or give it no force at length zero (free_length: 0, no preload)'
             )
 
@@ -266,7 +298,9 @@ def _outputs(model: Model, state: State, u: np.ndarray) -> np.ndarray:
     outputs = model.new_outputs()
     f, z = np.zeros((model.n_bodies + 1, 6)), np.zeros(model.n_internal)
     none = np.zeros((model.n_slots + 1, 6, 6))
-    evaluate_forces(model.tables, kinematics_of(state.q, state.v), state.angle, state.z, 0.0, u, False, f, none, none, z, outputs)
+    evaluate_forces(
+        model.tables, kinematics_of(state.q, state.v), state.angle, state.z, 0.0, u, False, f, none, none, z, outputs
+    )
     return outputs
 
 

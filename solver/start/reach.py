@@ -1,9 +1,10 @@
-"""Drivers that ask for more than a mechanism can do: which one, how far the mechanism goes, and which bars are in line there.
+"""Drivers that ask for more than a mechanism can do: which one, how far the mechanism goes, and which bars are in line
+there.
 
-A driver (a coupler with an input) is to blame where the mechanism closes without it and does not close at the value it asks for. The end
-of its reach is found by bisection between the value that the mechanism has without it and the value asked for. There the row of the driver
-depends on the other rows, so forces balance each other without a load: bars that meet in a joint are in line (a dead centre), or the
-constraints with most of that force are named.
+A driver (a coupler with an input) is to blame where the mechanism closes without it and does not close at the value it
+asks for. The end of its reach is found by bisection between the value that the mechanism has without it and the value
+asked for. There the row of the driver depends on the other rows, so forces balance each other without a load: bars that
+meet in a joint are in line (a dead centre), or the constraints with most of that force are named.
 """
 
 from __future__ import annotations
@@ -30,16 +31,20 @@ AHEAD = 20  # steps that a driver is followed beyond a step that failed: near th
 HALVINGS = 30  # of the way between a value within reach and one beyond it
 ITERATIONS = 100  # of one assembly
 COARSEST = (
-    1e-6  # m or rad: spacing of the numbers about a value that is taken for one, at 4e9; ten times as much lets constraints stay open
+    # m or rad: spacing of the numbers about a value that is taken for one, at 4e9; ten times as much lets constraints
+    # stay open
+    1e-6
 )
 IN_LINE = 0.01  # sine between bars that are in line, at the end of a reach that is known to 1e-9 of the way to it
 PARALLEL = 0.9999  # cosine of hinges that are parallel
 LOADED = 0.2  # of the largest of the balanced forces, from which a constraint is named
-NO_BAR = ('prismatic', 'cylindrical', 'fixed', 'planar')  # joints whose place says nothing about a direction in which a body is held
+# joints whose place says nothing about a direction in which a body is held
+NO_BAR = ('prismatic', 'cylindrical', 'fixed', 'planar')
 
 
 class _Bar(NamedTuple):
-    """A place where two members meet: bodies, or joints that keep a distance. point: (3,) in the world [m]; axis: (3,) of a hinge, or 0."""
+    """A place where two members meet: bodies, or joints that keep a distance. point: (3,) in the world [m]; axis: (3,)
+    of a hinge, or 0."""
 
     point: np.ndarray
     axis: np.ndarray
@@ -47,8 +52,9 @@ class _Bar(NamedTuple):
 
 
 def beyond_reach(model: Model, state: State, u: np.ndarray, h: float = 0.0) -> str:
-    """The sentence about drivers that ask for more than the mechanism can do at the inputs u (nu,), or nothing. The state [m, rad] is left
-    as it is. h: step [s] in which a driver goes on with its rate beyond u; 0 where it stands still."""
+    """The sentence about drivers that ask for more than the mechanism can do at the inputs u (nu,), or nothing. The
+    state [m, rad] is left as it is. h: step [s] in which a driver goes on with its rate beyond u; 0 where it stands
+    still."""
     drivers = [c for c in model.spec.couplers if c.input is not None]
     if not drivers:
         return ''
@@ -60,7 +66,9 @@ def beyond_reach(model: Model, state: State, u: np.ndarray, h: float = 0.0) -> s
         if np.spacing(abs(wanted[channel])) > COARSEST:
             asked, digits = f'{wanted[channel]:.4g} {_unit(model, c)}', f'{np.spacing(abs(wanted[channel])):.2g}'
             return (
-                f'driver {c.name!r} asks for {c.input} = {asked}, whose last digit is worth {digits}; keep it below 4e9, or check its unit'
+                f'driver {c.name!r} asks for {c.input} = {asked}, whose last digit is worth {digits}; keep it '
+                'below '
+                '4e9, or check its unit'
             )
     if _closed(model, state, wanted) is not None:
         return ''
@@ -119,13 +127,16 @@ def _end(model: Model, driver: CouplerSpec, start: State, wanted: np.ndarray, u:
     of = f' of {name!r}' if len(driver.terms) == 1 else ''
     rest = _in_line(model, last) or _locked(model, last, at, row)
     return (
-        f'driver {driver.name!r} {asks}{of}, and the mechanism reaches {near:.4g} {unit} at most{rest}; keep {driver.input} within its '
+        f'driver {driver.name!r} {asks}{of}, and the mechanism reaches {near:.4g} {unit} at most{rest}; keep '
+        f'{driver.input} within its '
         'reach, or change the lengths'
     )
 
 
 def _unit(model: Model, driver: CouplerSpec) -> str:
-    return 'm' if model.tables.coordinates.kind[model.coordinate_names.index(driver.terms[0][0])] == TRANSLATION else 'rad'
+    return (
+        'm' if model.tables.coordinates.kind[model.coordinate_names.index(driver.terms[0][0])] == TRANSLATION else 'rad'
+    )
 
 
 def _in_line(model: Model, state: State) -> str:
@@ -136,10 +147,17 @@ def _in_line(model: Model, state: State) -> str:
         if WORLD in joint.members:
             continue
         for first, second in itertools.product(bars, bars):
-            if first is joint or second is joint or first is second or a not in first.members or b not in second.members:
+            if (
+                first is joint
+                or second is joint
+                or first is second
+                or a not in first.members
+                or b not in second.members
+            ):
                 continue
             d, e = first.point - joint.point, second.point - joint.point
-            if min(abs(joint.axis @ first.axis), abs(joint.axis @ second.axis)) > PARALLEL:  # of planar loops the distances across count
+            # of planar loops the distances across count
+            if min(abs(joint.axis @ first.axis), abs(joint.axis @ second.axis)) > PARALLEL:
                 d, e = d - joint.axis * (joint.axis @ d), e - joint.axis * (joint.axis @ e)
             if min(norm(d), norm(e)) > 1e-9 and norm(np.cross(d, e)) < IN_LINE * norm(d) * norm(e):
                 found.append((a, b))
@@ -162,7 +180,10 @@ def _bars(model: Model, state: State) -> list[_Bar]:
     bars, none = [], np.zeros(3)
     for joint in model.spec.joints:
         if joint.kind == 'distance':
-            bars += [_Bar(place(joint.i), none, (joint.i.body, joint.name)), _Bar(place(joint.j), none, (joint.name, joint.j.body))]
+            bars += [
+                _Bar(place(joint.i), none, (joint.i.body, joint.name)),
+                _Bar(place(joint.j), none, (joint.name, joint.j.body)),
+            ]
         elif joint.kind not in NO_BAR:
             R = np.eye(3) if joint.i.body == WORLD else at[joint.i.body][1]
             axis = product(R, matrix(joint.i.orientation)[:, 2]) if joint.kind == 'revolute' else none
@@ -175,5 +196,7 @@ def _locked(model: Model, state: State, u: np.ndarray, row: int) -> str:
     A = scaled_jacobian(model, _residuals(model, state, u)[1])
     others = np.delete(np.arange(model.n_rows), row)
     force = np.abs(np.linalg.lstsq(A[others].T, A[row], rcond=1e-6)[0])
-    names = dict.fromkeys(model.row_names[others[k]].partition('/')[0] for k in np.argsort(-force) if force[k] > LOADED * force.max())
+    names = dict.fromkeys(
+        model.row_names[others[k]].partition('/')[0] for k in np.argsort(-force) if force[k] > LOADED * force.max()
+    )
     return f', where the constraints {", ".join(map(repr, list(names)[:4]))} hold it' if names else ''

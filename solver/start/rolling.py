@@ -164,19 +164,28 @@ def held_shafts(model: Model, state: State, u: np.ndarray) -> list[int]:
     if not clutches:
         return []
     bodies = {joint.name: model.body_names.index(joint.j.body) for joint in model.spec.joints}
-    shafts = [bodies.get(clutch.shaft, -1) for clutch in clutches]  # the world's for one without a bearing: it does not turn
+    # the world's for one without a bearing: it does not turn
+    shafts = [bodies.get(clutch.shaft, -1) for clutch in clutches]
     found = model.outputs(CLUTCHES.name, _evaluated(model, state, u))
     slip, ratio = (found[:, CLUTCHES.column(name)] for name in ('rate', 'ratio'))
-    return [shaft for shaft, w, R in zip(shafts, slip, ratio, strict=True) if R and abs(w) < SLIPPING * norm(state.v[shaft, 3:])]
+    return [
+        shaft
+        for shaft, w, R in zip(shafts, slip, ratio, strict=True)
+        if R and abs(w) < SLIPPING * norm(state.v[shaft, 3:])
+    ]
 
 
-def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray, wanted: Mapping[str, float]) -> dict[str, float]:
+def roll_wheels(
+    model: Model, state: State, speed: float, u: np.ndarray, wanted: Mapping[str, float]
+) -> dict[str, float]:
     """Let the wheels roll at `speed` [m/s]: sets their angular velocities in state.v.
 
     wanted: coordinate of a wheel -> rate [rad/s] that it has instead. Returns coordinate -> rate [rad/s] of all wheels.
     """
     loads = model.outputs(TIRES.name, _evaluated(model, state, u))[:, TIRES.column('fz')]
-    turns = [j for j in model.spec.joints if j.kind == 'revolute'] + [c for c in model.spec.coordinates if c.kind == 'rotation']
+    turns = [j for j in model.spec.joints if j.kind == 'revolute'] + [
+        c for c in model.spec.coordinates if c.kind == 'rotation'
+    ]
     rates = {}
     for e, tire in enumerate(model.spec.tires):
         rate = speed / rolling_radius(model.elements[TIRES.name].value.c[e], loads[e], speed)
@@ -245,7 +254,11 @@ def settle_rolling(
     wheels = [model.body_names.index(tire.marker.body) for tire in model.spec.tires]
     # Spin axis of each wheel in a guide. Only its rate about this axis is put back: its other rates have settled with
     # the chassis, and no joint would correct them.
-    guided = {wheel: matrix(t.marker.orientation)[:, 1] for wheel, t in zip(wheels, model.spec.tires, strict=True) if model.spec.guides}
+    guided = {
+        wheel: matrix(t.marker.orientation)[:, 1]
+        for wheel, t in zip(wheels, model.spec.tires, strict=True)
+        if model.spec.guides
+    }
     rolling = norms(cast(State, states[0].value).v[wheels, 3:]) / abs(speed)
     for last in (False,) * round(SETTLE_TIME / SETTLE_EVERY) + (True,) * bool(model.spec.guides):
         fastest = float(norms(cast(State, states[0].value).v[:-1, 3:]).max())
@@ -303,5 +316,6 @@ def turn_over_road(state: State, chassis: int, n: np.ndarray, ahead: np.ndarray)
     w, d = state.q[bodies, 3:6].copy(), state.q[bodies, 6].copy()
     state.q[bodies, 3:6] = c * w + d[:, None] * u + np.cross(u, w)  # the product of the quaternions, the turn first
     state.q[bodies, 6] = c * d - product(w, u)
-    for rates in (state.v, state.a, state.a_stage, state.a_stage_before):  # linear parts in the world (docs/conventions.md)
+    # linear parts in the world (docs/conventions.md)
+    for rates in (state.v, state.a, state.a_stage, state.a_stage_before):
         rates[bodies, :3] = product(rates[bodies, :3], R.T)

@@ -32,7 +32,9 @@ def is_idle(memory: dict[str, np.ndarray], h: float, penalty: np.ndarray) -> boo
 class Adaptation:
     """Advances a model over the output grid with steps and penalties of its own choice."""
 
-    def __init__(self, model: Model, settings: IntegratorSettings, scheme: Ref, work: Ref, hold: float, fourth: int) -> None:
+    def __init__(
+        self, model: Model, settings: IntegratorSettings, scheme: Ref, work: Ref, hold: float, fourth: int
+    ) -> None:
         self.model, self.scheme, self.work = model, scheme, work
         self.control = new_control(model, settings, hold, fourth)
         self.events: list[Event] = []
@@ -58,7 +60,8 @@ class Adaptation:
         return int(self.values.counts[entry.REJECTED])
 
     def start(self, state: State, taken: int = 0) -> None:
-        """Begin at a state made for a step of the grid; the projected velocity is in the work of the step. taken: such steps before."""
+        """Begin at a state made for a step of the grid; the projected velocity is in the work of the step. taken: such
+        steps before."""
         c = self.values
         c.history.size[:] = c.grid
         c.history.offset[:] = state.v - self.work.v_out
@@ -99,16 +102,30 @@ class Adaptation:
         self.noted, self.smallest = int(memory['counts'][2]), float(memory['counts'][3])
 
     def advance(
-        self, states: list[Ref], inputs: np.ndarray, first: int, count: int, k: int, audit: bool, look: Callable[[int], None]
+        self,
+        states: list[Ref],
+        inputs: np.ndarray,
+        first: int,
+        count: int,
+        k: int,
+        audit: bool,
+        look: Callable[[int], None],
     ) -> tuple[StepResult, int]:
-        """Advance over count intervals of the grid, from index k on, with rows first.. of inputs (n, nu); states[0] is the newest state
-        afterwards.
+        """Advance over count intervals of the grid, from index k on, with rows first.. of inputs (n, nu); states[0] is
+        the newest state afterwards.
 
-        A single row of inputs holds for all. look(n) is called behind the n-th interval if a step failed in it. Returns (summed
-        counters, intervals done); after a failure the state is that at the start of the interval. Fewer intervals than asked for are
-        done without failure only when somebody asks for the run to stop (solver.compiled.interruption) and an interval takes long.
+        A single row of inputs holds for all. look(n) is called behind the n-th interval if a step failed in it. Returns
+        (summed counters, intervals done); after a failure the state is that at the start of the interval. Fewer
+        intervals than asked for are done without failure only when somebody asks for the run to stop
+        (solver.compiled.interruption) and an interval takes long.
         """
-        tables, scheme, work, control, progress = self.model.tables, self.scheme, self.work, self.control, self._progress
+        tables, scheme, work, control, progress = (
+            self.model.tables,
+            self.scheme,
+            self.work,
+            self.control,
+            self._progress,
+        )
         self.abandoned = False
         result, done, swapped = advance_adapting(tables, scheme, control, *states, inputs, first, count, k, audit, work)
         if swapped:

@@ -1,12 +1,14 @@
-"""One attempt at a part of an interval: a step with its history, or two steps of half the size with an estimate of their local error.
+"""One attempt at a part of an interval: a step with its history, or two steps of half the size with an estimate of
+their local error.
 
 *History.* The algorithm's acceleration a_n belongs to t_n + (am - af) h, the rates of internal states to t_n + (am1 -
 af) h, and the velocity satisfies A v + phi_t = -h^2 A e (solver.start.newton). When the next step is of another size
 all three are moved to where that step expects them, or each change would cost an order. Everything that was moved is
 put back, because the step may not be accepted.
 
-*Error.* Two steps of h/2 are compared with one of h from the same start; a third of the difference is the local error of the two (second
-order, [Hairer1993] II.4). With `order: 4` the state that goes on is the one extrapolated from both (solver.step.extrapolation).
+*Error.* Two steps of h/2 are compared with one of h from the same start; a third of the difference is the local error
+of the two (second order, [Hairer1993] II.4). With `order: 4` the state that goes on is the one extrapolated from both
+(solver.step.extrapolation).
 """
 
 from __future__ import annotations
@@ -66,8 +68,8 @@ def _move_history(c, kept, s, history, h):
 
 @kernel(inner=True)
 def take(tables, c, control, source, before, target, after, h, u, t, outputs, audit, follow, work):
-    """One step of size h from source, with the history `before`, to target, with the history `after` (or the same) where it succeeds;
-    source is left as it was.
+    """One step of size h from source, with the history `before`, to target, with the history `after` (or the same)
+    where it succeeds; source is left as it was.
 
     follow: fraction of the interval by which inputs are extrapolated to the end of the step (keep_account). Returns the
     counters; the result is in work.
@@ -119,7 +121,8 @@ def single(tables, c, control, old, new, h, end, now, t, outputs, audit, work):
 
 @kernel(inner=True)
 def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, last, audit, work):
-    """Two steps of size h from the fraction `begin` of the interval to `end`, compared with one of 2 h. last: a call ends there."""
+    """Two steps of size h from the fraction `begin` of the interval to `end`, compared with one of 2 h. last: a call
+    ends there."""
     middle = 0.5 * (begin + end)
     fourth = control.fourth != 0
     u = now
@@ -135,7 +138,9 @@ def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, last, aud
         return _judged(result, total, 0.0)
     copy_table(work.v_out, control.kept.v_full)
     half, follow, kept = control.half, hold - (1.0 - middle), audit and not fourth
-    total = added(total, take(tables, c, control, old, history, half, first, h, control.u_middle, t, audit, kept, follow, work))
+    total = added(
+        total, take(tables, c, control, old, history, half, first, h, control.u_middle, t, audit, kept, follow, work)
+    )
     one = last_result(work)
     if one.status != OK:
         return _judged(one, total, 0.0)
@@ -173,8 +178,9 @@ def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, last, aud
 
 @kernel(inner=True)
 def _carry_offset_on(begin, middle, end, h, new, work):
-    """Give the state `new`, with the projected velocity work.v_out, the smooth part of what velocities violate for steps of h; they
-    alternate about it. begin, middle, end: histories before, between and after two steps of h; that of the end becomes the state's.
+    """Give the state `new`, with the projected velocity work.v_out, the smooth part of what velocities violate for
+    steps of h; they alternate about it. begin, middle, end: histories before, between and after two steps of h; that of
+    the end becomes the state's.
     """
     grown = (h / begin.size[0]) ** 2
     for b in range(new.v.shape[0]):
@@ -186,10 +192,11 @@ def _carry_offset_on(begin, middle, end, h, new, work):
 
 @kernel(inner=True)
 def _difference(control, a, b, work):
-    """Largest difference of positions [m], turns [rad], internal states, and velocities of the states a (kept.v_full) and b (work.v_out).
+    """Largest difference of positions [m], turns [rad], internal states, and velocities of the states a (kept.v_full)
+    and b (work.v_out).
 
-    Places count relative to the length of the model, velocities to the largest now or, at this acceleration, an interval later, and at
-    least to the slow one of the model; internal states to their size.
+    Places count relative to the length of the model, velocities to the largest now or, at this acceleration, an
+    interval later, and at least to the slow one of the model; internal states to their size.
     """
     v_a, v_b, length = control.kept.v_full, work.v_out, work.length
     speed, fastest, place, turn = work.slow[0], 0.0, 0.0, 0.0

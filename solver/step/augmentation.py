@@ -1,12 +1,14 @@
-"""Augmentations combined: the solution of an iteration with multipliers that close the constraints, at the cost of a few substitutions.
+"""Augmentations combined: the solution of an iteration with multipliers that close the constraints, at the cost of a
+few substitutions.
 
-One augmentation of the saddle system (solver.model.saddle) leaves t = g + A dw = -dlam / W of the violation g. It takes off a part
-xi s / (1 + xi s) of a mode of the constraints with the eigenvalue s (docs/formulation.md): nearly all of it as a rule, nearly nothing
-where bodies hold each other, a light one carries a heavy one, or something stiff acts on a light part. A further augmentation, of the
-violation that is left, gives increments with balanced momentum that change the constraints by a known image P t. The combination of
-these that leaves the smallest violation, each row weighed by its penalty, is found by generalized conjugate residuals, which are GMRES
-[Saad1986] with the directions kept: as many as there are slow modes. They hold for as long as the factorization does, so the iterations
-of a step and the projection of its velocity share them.
+One augmentation of the saddle system (solver.model.saddle) leaves t = g + A dw = -dlam / W of the violation g. It takes
+off a part xi s / (1 + xi s) of a mode of the constraints with the eigenvalue s (docs/formulation.md): nearly all of it
+as a rule, nearly nothing where bodies hold each other, a light one carries a heavy one, or something stiff acts on a
+light part. A further augmentation, of the violation that is left, gives increments with balanced momentum that change
+the constraints by a known image P t. The combination of these that leaves the smallest violation, each row weighed by
+its penalty, is found by generalized conjugate residuals, which are GMRES [Saad1986] with the directions kept: as many
+as there are slow modes. They hold for as long as the factorization does, so the iterations of a step and the projection
+of its velocity share them.
 
 *Directions that may be none.* Rows that depend on each other where constraints are closed do not quite where they are
 open: a linkage of which a body is turned by d off its path sees its redundant directions with s of about d^2. The
@@ -16,10 +18,11 @@ held. Which of both it is shows in the iterate without the combination: the viol
 prediction, or larger. So directions with an image below xi d^2 are tried so, and taken back in (restore) where it has
 grown.
 
-*A step that ends in a singular position.* Where the end of a step does not see a direction at all (its image is dropped), nothing holds it
-over the step but the multipliers from before, whose force along the rows of the stage is not what it was: they grow as the inverse of what
-the rows see. The stage does see the direction, half a step from the singular position, so such a step is made with its rows in the matrix
-in place of those of the end (solver.step.iteration_fixed): the acceleration goes on as predicted, and multipliers follow that make it so.
+*A step that ends in a singular position.* Where the end of a step does not see a direction at all (its image is
+dropped), nothing holds it over the step but the multipliers from before, whose force along the rows of the stage is not
+what it was: they grow as the inverse of what the rows see. The stage does see the direction, half a step from the
+singular position, so such a step is made with its rows in the matrix in place of those of the end
+(solver.step.iteration_fixed): the acceleration goes on as predicted, and multipliers follow that make it so.
 """
 
 from __future__ import annotations
@@ -37,20 +40,23 @@ from solver.step.stage import largest_turn
 
 # Directions that are kept; ten times as many take ten times the memory, and a hundred times the products.
 MOST_DIRECTIONS = 12
-ENOUGH = 1e-4  # part of the violation at the prediction that an iteration of mode fixed may leave; of the velocity, its projection
+# part of the violation at the prediction that an iteration of mode fixed may leave; of the velocity, its projection
+ENOUGH = 1e-4
 CONTRACTION = 1e-2  # part of its own violation, and of the tolerance, that an iteration of mode tolerance may leave
 HELD = 1e-11  # relative velocity over the step; what violates less is rounding
-# Of the largest multiplier in the step before one that ends in a singular position: at least 5/3 (rho_inf 1: forces of the middle).
+# Of the largest multiplier in the step before one that ends in a singular position: at least 5/3 (rho_inf 1: forces of
+# the middle).
 GROWTH = 1.4
-SMALLEST_IMAGE = 1e-4  # relative to the violation; less is a direction that the constraints cannot hold: it is left to its inertia
+# relative to the violation; less is a direction that the constraints cannot hold: it is left to its inertia
+SMALLEST_IMAGE = 1e-4
 BETTER = 2.0  # times, that a stage must see what its rows would hold as the end does
 
 
 class Augmentation(NamedTuple):
     """Directions of one factorization, and scratch; nothing in it survives a step.
 
-    Directions lie one behind the other in vectors: compiled code has the inner sizes of an array as constants, and must be the same for
-    models of all sizes.
+    Directions lie one behind the other in vectors: compiled code has the inner sizes of an array as constants, and must
+    be the same for models of all sizes.
     """
 
     image: np.ndarray  # (MOST_DIRECTIONS * nc,) -A dw of every direction; orthonormal, weighed by the penalties
@@ -134,7 +140,8 @@ def _add(augmentation, k, factor, dw, dlam):
 
 @kernel(inner=True)
 def _new_direction(tables, form, saddle, augmentation, size):
-    """Append the direction that augments augmentation.left, of the given weighed size; whether it has an image worth it."""
+    """Append the direction that augments augmentation.left, of the given weighed size; whether it has an image worth
+    it."""
     k = augmentation.known[0]
     W = saddle.W
     image, dw, dlam = _direction(augmentation, k)
@@ -163,11 +170,12 @@ def _new_direction(tables, form, saddle, augmentation, size):
 
 @kernel(inner=True)
 def combine(tables, form, saddle, augmentation, measure, share, smallest, g, dw, dlam):
-    """Add to dw (nb + 1, 6) and dlam (nc,), the solution for the violation g (nc,) that solve_saddle just gave, combined augmentations
-    if it leaves more than `share` of the violation that was measured last, and more than `smallest` [m/s^2] in every row.
+    """Add to dw (nb + 1, 6) and dlam (nc,), the solution for the violation g (nc,) that solve_saddle just gave,
+    combined augmentations if it leaves more than `share` of the violation that was measured last, and more than
+    `smallest` [m/s^2] in every row.
 
-    measure: g is that violation. Violations are sums of W g^2, and so is share. augmentation.known belongs to the factorization. Returns
-    how many directions that took; augmentation.dropped says whether one was left.
+    measure: g is that violation. Violations are sums of W g^2, and so is share. augmentation.known belongs to the
+    factorization. Returns how many directions that took; augmentation.dropped says whether one was left.
     """
     W, t = saddle.W, saddle.t
     augmentation.dropped[0] = 0
@@ -184,7 +192,8 @@ def combine(tables, form, saddle, augmentation, measure, share, smallest, g, dw,
 
 @kernel(inner=True)
 def _rates(constraints, J, T, dw, scratch, rate):
-    """rate (nc,) = J T dw, of increments dw (nb + 1, 6) whose turns T (nb, 3, 3) takes to where J is; scratch (nb + 1, 6) is lost."""
+    """rate (nc,) = J T dw, of increments dw (nb + 1, 6) whose turns T (nb, 3, 3) takes to where J is; scratch (nb + 1,
+    6) is lost."""
     for b in range(dw.shape[0] - 1):
         turned = T[b]
         for i in range(3):
@@ -204,7 +213,17 @@ def is_unseen(tables, form, saddle, augmentation, J_stage, T_stage, g, dw, scrat
     for i in range(g.shape[0]):
         t[i] += g[i]
     augmentation.dropped[0] = 0
-    _combine(tables, form, saddle, augmentation, ENOUGH * ENOUGH * weighed(saddle.W, t, t), 0.0, scratch, lam_scratch, augmentation.tried)
+    _combine(
+        tables,
+        form,
+        saddle,
+        augmentation,
+        ENOUGH * ENOUGH * weighed(saddle.W, t, t),
+        0.0,
+        scratch,
+        lam_scratch,
+        augmentation.tried,
+    )
     augmentation.known[0] = known  # the projection of velocities need not try them
     return augmentation.dropped[0] == 1
 
@@ -234,7 +253,8 @@ def grew(lam, before):
 
 @kernel(inner=True)
 def withhold(augmentation, used, penalty, scale, dw, dlam):
-    """Take the last combination, of `used` directions, off dw and dlam again if one of them may be none (module); whether it was.
+    """Take the last combination, of `used` directions, off dw and dlam again if one of them may be none (module);
+    whether it was.
 
     scale: turn of a body over the increment of its angular acceleration in dw [s^2], penalty: of every row.
     """
@@ -268,8 +288,8 @@ def restore(augmentation, share, a, lam):
 
 @kernel(inner=True)
 def _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam, parts):
-    """Add to dw and dlam what closes the violation saddle.t that they leave, parts (MOST_DIRECTIONS,) of the directions. Returns how many
-    that took."""
+    """Add to dw and dlam what closes the violation saddle.t that they leave, parts (MOST_DIRECTIONS,) of the
+    directions. Returns how many that took."""
     W = saddle.W
     left = augmentation.left
     floor = 0.0
@@ -303,8 +323,8 @@ def opposed(tables, J_s, J_e, dlam, r, f):
     by acting along J_s, the force directions of the stage, instead of J_e, those that the matrix has; f (nb + 1, 6) is
     scratch.
 
-    So it is next to a singular position, where a constraint sees the free direction with opposite signs at the stage and at the end. A
-    stop that is hit or a wheel that lands makes an iteration grow too, but by its own force.
+    So it is next to a singular position, where a constraint sees the free direction with opposite signs at the stage
+    and at the end. A stop that is hit or a wheel that lands makes an iteration grow too, but by its own force.
     """
     con = tables.constraints
     for b in range(f.shape[0]):

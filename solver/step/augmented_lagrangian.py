@@ -7,15 +7,16 @@ midpoint t_s = t_0 + (1 - alpha_f) h, and the position constraint imposed at the
 
     M ((1 - am) a1 + am a0) = f(q_s, v_s, z_stage) + A(q_s)^T h_R
     v1 = v0 + h ((1 - gamma) a0 + gamma a1)
-    q1 = q0 o exp(D),  D = h v0 + h^2 ((1/2 - beta) a0 + beta a1);   q_s = q0 o exp((1 - af) D),  v_s = (1 - af) v1 + af v0
+    q1 = q0 o exp(D),  D = h v0 + h^2 ((1/2 - beta) a0 + beta a1);   q_s = q0 o exp((1 - af) D),  v_s = (1 - af) v1 + af
+                       v0
     phi(q1, t1) = 0,  A(q1) v1 = 0 for rows that are not holonomic
 
-with am, af, beta, gamma of [Chung1993] for the spectral radius rho_inf and the increment D as in [Bruls2010]. For rho_inf = 1 it is the
-midpoint rule with an impulse along A at the midpoint. First-order internal states use the parameters of [Jansen2000] for the same
-rho_inf, which have the same stage. The constraint force h_R is augmented within the step,
-h_R <- h_R - W_R (g_R + A dw), g = phi / (beta h^2) or A v / (gamma h), where W_R = xi_R m_R is the penalty scaled by the effective mass
-(solver.model.saddle). The velocity in the output is projected onto A v + phi_t = 0 [Bayo1996]; the projection is not fed back, because that
-costs the multipliers an order.
+with am, af, beta, gamma of [Chung1993] for the spectral radius rho_inf and the increment D as in [Bruls2010]. For
+rho_inf = 1 it is the midpoint rule with an impulse along A at the midpoint. First-order internal states use the
+parameters of [Jansen2000] for the same rho_inf, which have the same stage. The constraint force h_R is augmented within
+the step, h_R <- h_R - W_R (g_R + A dw), g = phi / (beta h^2) or A v / (gamma h), where W_R = xi_R m_R is the penalty
+scaled by the effective mass (solver.model.saddle). The velocity in the output is projected onto A v + phi_t = 0
+[Bayo1996]; the projection is not fed back, because that costs the multipliers an order.
 """
 
 from __future__ import annotations
@@ -23,7 +24,13 @@ from __future__ import annotations
 import numpy as np
 
 from solver.compiled.kernel import NO, YES, invoke, kernel
-from solver.model.evaluate import constraint_input_rates, constraint_rates, evaluate_constraints, evaluate_driven_forces, evaluate_forces
+from solver.model.evaluate import (
+    constraint_input_rates,
+    constraint_rates,
+    evaluate_constraints,
+    evaluate_driven_forces,
+    evaluate_forces,
+)
 from solver.model.saddle import solve_saddle
 from solver.model.state import turn_angles, update_angles
 from solver.output.collect import collect
@@ -38,14 +45,15 @@ from solver.step.iteration_to_tolerance import iterate_to_tolerance
 from solver.step.stage import AT_END, copy_rows, fastest_turn, is_row_finite, place
 from solver.step.work import BAD_INPUT, NON_FINITE, OK, StepResult, added, last_result
 
-# Turn of a body in a step [rad], up to which the value of an angle nearest to that before is the one; two bodies turn twice as much, and
-# from pi on it is not.
+# Turn of a body in a step [rad], up to which the value of an angle nearest to that before is the one; two bodies turn
+# twice as much, and from pi on it is not.
 NEAREST = 1.5
 
 
 @kernel(inner=True)
 def finish(tables, c, s0, s1, work):
-    """Assign the rest of s1 from its acceleration, multipliers and the internal states of the stage; a_out and lam_out of work."""
+    """Assign the rest of s1 from its acceleration, multipliers and the internal states of the stage; a_out and lam_out
+    of work."""
     place(tables, c, s0, s1.a, s1.q, AT_END, work)
     for b in range(tables.bodies.mass.shape[0]):
         for i in range(6):
@@ -73,7 +81,9 @@ def outputs_at_end(tables, s1, u, work):
     for b in range(tables.bodies.mass.shape[0]):
         for i in range(6):
             work.kin_end.v[b, i] = work.v_out[b, i]
-    evaluate_forces(tables, work.kin_end, s1.angle, s1.z, 0.0, u, NO, work.f, work.Kq, work.Kv, work.z_stage, work.outputs)
+    evaluate_forces(
+        tables, work.kin_end, s1.angle, s1.z, 0.0, u, NO, work.f, work.Kq, work.Kv, work.z_stage, work.outputs
+    )
 
 
 @kernel(inner=True)
@@ -99,7 +109,8 @@ def body_not_finite(work):
 
 @kernel(borrow=True)
 def step(tables, c, s0, s1, u, want_outputs, work):
-    """Advance s0 to s1 by one step with the inputs u; outputs and projected velocity go to work. Returns a StepResult."""
+    """Advance s0 to s1 by one step with the inputs u; outputs and projected velocity go to work. Returns a
+    StepResult."""
     cz = predict(c, s0, s1, work)
     speed = speed_of(s0, work)
     if c.fixed == 1:
@@ -111,7 +122,8 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     finish(tables, c, s0, s1, work)
     evaluate_constraints(tables, work.kin_end, s1.angle, u, YES, work.phi_end, work.J_end)
     position, longest = position_drift(tables, work)
-    passes = 1 if c.fixed == 1 and work.augmentation.by_stage[0] == 0 else 3  # a factorization with rows of the stage closes less at once
+    # a factorization with rows of the stage closes less at once
+    passes = 1 if c.fixed == 1 and work.augmentation.by_stage[0] == 0 else 3
     velocity = project_velocity(tables, c, s1.v, u, passes, work)
     evaluations = found.counters.evaluations
     if want_outputs:
@@ -139,7 +151,8 @@ def violated_rates(tables, work):
 
 @kernel(borrow=True)
 def project_velocity(tables, c, v, u, passes, work):
-    """work.v_out = v projected onto A v + phi_t = 0 with the factorization of the step; returns the largest violation left."""
+    """work.v_out = v projected onto A v + phi_t = 0 with the factorization of the step; returns the largest violation
+    left."""
     nb = tables.bodies.mass.shape[0]
     copy_rows(v, work.v_out)
     constraint_input_rates(tables, u, work.phi_t, work.phi_tt)
@@ -151,7 +164,18 @@ def project_velocity(tables, c, v, u, passes, work):
             break
         solve_saddle(tables, c.form, work.saddle, work.r, work.rate, work.dw, work.dlam)
         if work.augmentation.known[0] > 0:
-            combine(tables, c.form, work.saddle, work.augmentation, True, ENOUGH * ENOUGH, 0.0, work.rate, work.dw, work.dlam)
+            combine(
+                tables,
+                c.form,
+                work.saddle,
+                work.augmentation,
+                True,
+                ENOUGH * ENOUGH,
+                0.0,
+                work.rate,
+                work.dw,
+                work.dlam,
+            )
         for b in range(nb):
             T = work.T_end[b]
             for i in range(3):
@@ -162,22 +186,30 @@ def project_velocity(tables, c, v, u, passes, work):
 
 @kernel(inner=True)
 def perform(tables, c, s0, s1, u, want_outputs, work):
-    """step() for callers by address, c.step: its result goes to work.result. So it is compiled once for all who take steps, and c may
-    change between two of them.
+    """step() for callers by address, c.step: its result goes to work.result. So it is compiled once for all who take
+    steps, and c may change between two of them.
     """
     result = step(tables, c, s0, s1, u, want_outputs, work)
     n = result.counters
     r = work.result
-    r[0], r[1], r[2], r[3], r[4], r[5] = result.status, result.where, n.iterations, n.factorizations, n.evaluations, n.stagnated
+    r[0], r[1], r[2], r[3], r[4], r[5] = (
+        result.status,
+        result.where,
+        n.iterations,
+        n.factorizations,
+        n.evaluations,
+        n.stagnated,
+    )
     r[6], r[7], r[8] = n.residual, n.position_drift, n.velocity_drift
 
 
 @kernel(inner=True)
 def continue_inputs(follow, u, work):
-    """Assign work.u_end, the inputs u of the stage continued to the end of the step by a part `follow` of their change over an interval;
-    whether they differ.
+    """Assign work.u_end, the inputs u of the stage continued to the end of the step by a part `follow` of their change
+    over an interval; whether they differ.
 
-    Their power at the end of a step is then of second order. Outputs show what the step applied: a jump must not overshoot there.
+    Their power at the end of a step is then of second order. Outputs show what the step applied: a jump must not
+    overshoot there.
     """
     differs = False
     for i in range(u.shape[0]):
@@ -189,8 +221,8 @@ def continue_inputs(follow, u, work):
 
 @kernel(inner=True)
 def keep_account(tables, c, h, parts, follow, s0, s1, u, counters, work):
-    """Advance the account by the step of h [s] from s0 to s1, with forces that follow inputs as these are at its end. parts: 2 where s0 is
-    the state in the middle of the step."""
+    """Advance the account by the step of h [s] from s0 to s1, with forces that follow inputs as these are at its end.
+    parts: 2 where s0 is the state in the middle of the step."""
     outputs = work.outputs
     if continue_inputs(follow, u, work):
         outputs = work.outputs_end
@@ -205,7 +237,8 @@ def keep_account(tables, c, h, parts, follow, s0, s1, u, counters, work):
     coefficient = 0.25 * (1.0 + (c.am - c.af) ** 2) - 1.0 / 6.0
     position, velocity, account = n.position_drift, n.velocity_drift, work.account
     note_residuals(
-        tables.constraints, tables.bodies.inertia, h, parts, coefficient, s1.v, work.kin_end, n.residual, position, velocity,
+        tables.constraints, tables.bodies.inertia, h, parts, coefficient, s1.v, work.kin_end, n.residual, position,
+        velocity,
         work.phi_end, work.rate, s1, s0.a_stage_before, slowest, account,
     )  # fmt: skip
     note_shake(tables, outputs, account)
@@ -214,7 +247,8 @@ def keep_account(tables, c, h, parts, follow, s0, s1, u, counters, work):
 
 @kernel(borrow=True)
 def advance(tables, c, s0, s1, inputs, first, count, audit, work):
-    """Advance count steps with rows first.. of inputs (n, nu), swapping the buffers; outputs are of the last step, in work.arrays too.
+    """Advance count steps with rows first.. of inputs (n, nu), swapping the buffers; outputs are of the last step, in
+    work.arrays too.
 
     A single row of inputs holds for all steps. audit: evaluate outputs after every step and keep the energy balance.
 

@@ -1,16 +1,17 @@
-"""The coefficients m_R, c_R, k_R, f_R of the constraint equations, from the masses, tangents and forces that a step has.
+"""The coefficients m_R, c_R, k_R, f_R of the constraint equations, from the masses, tangents and forces that a step
+has.
 
 With a direction c_R that moves constraint R alone at unit rate,
 
     m_R = c_R^T M c_R,   c_RR = -c_R^T (df/dv) c_R,   k_R = -c_R^T (df/dq) c_R,   f_R = c_R^T f
 
-where f are the applied forces (docs/formulation.md). The equations with these coefficients are those of [Natsiavas2015]; the directions
-are our choice. A row that is not holonomic has a velocity, (m psidot)' + c psidot = 0, and no k_R.
-*Isolated*: a_R c_R = 1 with the smallest m_R, c_R = m_R M^-1 a_R^T and
-m_R = 1/(a_R M^-1 a_R^T). *Coupled*: the other constraints hold besides, A c_R = e_R with the smallest m_R, which gives
-m_R = [(A M^-1 A^T)^+]_RR. It is the solution of (M + A^T W A) c_R = W_R a_R^T for large penalties W, which takes redundant rows as
-well: there A c_R is nearest to e_R, each row measured in units of its isolated mass, so that a rescaled row changes nothing.
-Massless bodies count with the floor of the penalties.
+where f are the applied forces (docs/formulation.md). The equations with these coefficients are those of
+[Natsiavas2015]; the directions are our choice. A row that is not holonomic has a velocity, (m psidot)' + c psidot = 0,
+and no k_R. *Isolated*: a_R c_R = 1 with the smallest m_R, c_R = m_R M^-1 a_R^T and m_R = 1/(a_R M^-1 a_R^T). *Coupled*:
+the other constraints hold besides, A c_R = e_R with the smallest m_R, which gives m_R = [(A M^-1 A^T)^+]_RR. It is the
+solution of (M + A^T W A) c_R = W_R a_R^T for large penalties W, which takes redundant rows as well: there A c_R is
+nearest to e_R, each row measured in units of its isolated mass, so that a rescaled row changes nothing. Massless bodies
+count with the floor of the penalties.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from solver.model.evaluate import evaluate_constraints, evaluate_forces
 from solver.model.saddle import CONDENSED, effective_masses, factorize_saddle, new_saddle, solve_saddle
 from solver.model.state import State, kinematics_of
 
-COUPLING = 1e7  # penalty of coupled directions: off by 2 / (COUPLING s_min) of a regular system, rounding by COUPLING times 1e-16
+# penalty of coupled directions: off by 2 / (COUPLING s_min) of a regular system, rounding by COUPLING times 1e-16
+COUPLING = 1e7
 
 
 class Formulation(NamedTuple):
@@ -163,7 +165,8 @@ def constraint_coefficients(tables, form, coupled, full, J, Kq, Kv, f, saddle, f
 
 @kernel(borrow=True)
 def weigh(tables, c, work):
-    """work.saddle.W = what the penalties of this step multiply: m_R, or with c_R and k_R the mass that the step matrix shows.
+    """work.saddle.W = what the penalties of this step multiply: m_R, or with c_R and k_R the mass that the step matrix
+    shows.
 
     (m phidot)' + c phidot + k phi = 0 is, in one step from phi = 0, (m (1 - am) + c s gamma h + k s beta h^2) phi = 0:
     the quadratic form of the step matrix in the direction c_R. The equation of a velocity is (m (1 - am) + c s gamma h)
@@ -182,7 +185,8 @@ def weigh(tables, c, work):
 
 
 def mass_factors(model, factors: dict[str, float]) -> np.ndarray:
-    """(nc,) factors of m_R from a mapping of joints, couplers or single rows to numbers ('' is all). Raises SpecError."""
+    """(nc,) factors of m_R from a mapping of joints, couplers or single rows to numbers ('' is all). Raises
+    SpecError."""
     constraints = model.tables.constraints
     rows = {name: slice(*constraints.row[g : g + 2]) for g, name in enumerate(model.group_names)}
     rows |= {name: slice(k, k + 1) for k, name in enumerate(model.row_names)}
@@ -190,13 +194,18 @@ def mass_factors(model, factors: dict[str, float]) -> np.ndarray:
     found = np.ones(model.n_rows)
     for name, factor in factors.items():
         if name not in rows:
-            raise SpecError(f'integrator: mass_factor: the model has no constraint {name!r}{suggestion(name, list(rows))}')
+            raise SpecError(
+                f'integrator: mass_factor: the model has no constraint {name!r}{suggestion(name, list(rows))}'
+            )
         found[rows[name]] = factor
     return found
 
 
-def coefficients_of(model, state: State, u: np.ndarray, outputs, *, coupled: bool = False) -> dict[str, ConstraintCoefficients]:
-    """Scheme of every constraint row by name, at a state and inputs u (nu,); outputs are those of the force elements."""
+def coefficients_of(
+    model, state: State, u: np.ndarray, outputs, *, coupled: bool = False
+) -> dict[str, ConstraintCoefficients]:
+    """Scheme of every constraint row by name, at a state and inputs u (nu,); outputs are those of the force
+    elements."""
     t = model.tables
     kin = kinematics_of(state.q, state.v)
     phi, J = np.zeros(model.n_rows), np.zeros((model.n_entries + 1, 6, 6))
@@ -205,5 +214,10 @@ def coefficients_of(model, state: State, u: np.ndarray, outputs, *, coupled: boo
     evaluate_constraints(t, kin, state.angle, u, True, phi, J)
     evaluate_forces(t, kin, state.angle, state.z, 0.0, u, True, f, Kq, Kv, z, outputs)
     formulation = new_formulation(model)
-    constraint_coefficients(t, CONDENSED, int(coupled), 1, J, Kq, Kv, f, Ref(new_saddle(model, CONDENSED)), Ref(formulation))
-    return {name: ConstraintCoefficients(*(float(x) for x in row)) for name, row in zip(model.row_names, formulation.values, strict=True)}
+    constraint_coefficients(
+        t, CONDENSED, int(coupled), 1, J, Kq, Kv, f, Ref(new_saddle(model, CONDENSED)), Ref(formulation)
+    )
+    return {
+        name: ConstraintCoefficients(*(float(x) for x in row))
+        for name, row in zip(model.row_names, formulation.values, strict=True)
+    }

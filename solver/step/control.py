@@ -21,7 +21,21 @@ EASY_STEPS = 10  # easy steps in a row before penalties and step relax; twice as
 LONGEST_PATIENCE = 640.0
 
 WANTED, TAKEN, LAST_ERROR, EASY, PATIENCE = range(5)  # entries of Control.memory
-OPEN, DONE, CAUSE, UNDETERMINED, TRIED, H_BEFORE, ERROR_BEFORE, H_LAST, ERROR_LAST, H_BEST, ERROR_BEST, ABANDON, FAILED = range(13)
+(
+    OPEN,
+    DONE,
+    CAUSE,
+    UNDETERMINED,
+    TRIED,
+    H_BEFORE,
+    ERROR_BEFORE,
+    H_LAST,
+    ERROR_LAST,
+    H_BEST,
+    ERROR_BEST,
+    ABANDON,
+    FAILED,
+) = range(13)
 PROGRESS = FAILED + 1  # entries of Control.progress, which OPEN is the first of
 SUBSTEPS, REJECTED, PENDING = range(3)  # entries of Control.counts
 KINDS = ('step', 'penalty', 'error')
@@ -87,7 +101,8 @@ class Control(NamedTuple):
     counts: np.ndarray  # (3,) SUBSTEPS, REJECTED, PENDING events
     events: np.ndarray  # (room, 6) time, kind, row, old, new, cause
     reserve: int  # events that one attempt can make
-    progress: np.ndarray  # (PROGRESS,) of the interval that is OPEN; an interval that is not done yet is taken up by the next call
+    # (PROGRESS,) of the interval that is OPEN; an interval that is not done yet is taken up by the next call
+    progress: np.ndarray
     middle: History  # after the first of two steps
     next: History  # after an attempt of two steps, which may not be accepted
     begin: State  # of the interval, once a part of it is done
@@ -117,7 +132,8 @@ def new_control(model, settings: IntegratorSettings, hold: float, fourth: int) -
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
     account = lambda: new_account(nb, model.n_peaks, len(model.spec.tires)).numbers  # noqa: E731
     kept = Kept(
-        memory=np.zeros(5), history=new_history(model), penalty=np.zeros(nc), account=account(), account_before=account(),
+        memory=np.zeros(5), history=new_history(model), penalty=np.zeros(nc), account=account(),
+        account_before=account(),
         penalty_before=np.zeros(nc), v=six(), a=six(), zd=np.zeros(nz), v_full=six(),
     )  # fmt: skip
     control = Control(
@@ -125,8 +141,10 @@ def new_control(model, settings: IntegratorSettings, hold: float, fourth: int) -
         h_ns=settings.h_ns, grid=settings.h_ns * 1e-9, hold=hold, h_min=settings.smallest_step,
         error_tolerance=settings.error_tolerance, tolerance=settings.tolerance, penalty_cap=settings.penalty_cap,
         base=np.full(nc, settings.penalty), internal_size=np.array(model.internal_size, float),
-        motion=np.array([[names.index(n + end) for end in ('', RATE, ACCELERATION)] for n in motions], np.int64).reshape(-1, 3),
-        memory=np.zeros(5), history=new_history(model), counts=np.zeros(3, np.int64), events=np.zeros((reserve + ROOM, 6)),
+        motion=np.array([[names.index(n + end) for end in ('', RATE, ACCELERATION)] for n in motions],
+        np.int64).reshape(-1, 3),
+        memory=np.zeros(5), history=new_history(model), counts=np.zeros(3, np.int64),
+        events=np.zeros((reserve + ROOM, 6)),
         reserve=reserve, progress=np.zeros(PROGRESS), middle=new_history(model), next=new_history(model),
         begin=new_state(model), full=new_state(model), masses=masses, half=new_state(model), kept=kept,
         u_middle=np.zeros(len(names)), u_end=np.zeros(len(names)),

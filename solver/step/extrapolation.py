@@ -1,16 +1,19 @@
-"""Fourth order: two steps of half the size and one of the whole from the same start, extrapolated (Richardson; [Hairer1993] II.9).
+"""Fourth order: two steps of half the size and one of the whole from the same start, extrapolated (Richardson;
+[Hairer1993] II.9).
 
-For rho_inf = 1 a step is the midpoint rule on the group of motions, with the impulse of the constraints along A of the midpoint. It is its
-own inverse with the sign of time reversed, so the error of the velocities and places after a time T has even powers of h alone, and
-(4 x_h/2 - x_h) / 3 is of fourth order; rotations are extrapolated along the geodesic between the two. Three things make it so:
+For rho_inf = 1 a step is the midpoint rule on the group of motions, with the impulse of the constraints along A of the
+midpoint. It is its own inverse with the sign of time reversed, so the error of the velocities and places after a time T
+has even powers of h alone, and (4 x_h/2 - x_h) / 3 is of fourth order; rotations are extrapolated along the geodesic
+between the two. Three things make it so:
 
-- The step maps positions on the constraints and velocities that violate them by A v + phi_t = -h^2 A e (solver.start.newton). Both
-  solutions begin with what belongs to their own h. Without, the violation that one step reflects disturbs it by O(h^4), and the
-  extrapolated run is of third order.
-- What a velocity violates is known from the steps before: it alternates about its smooth part with what it began with, so the mean of
-  three, (w_0 + 2 w_1 + w_2) / 4, is the smooth part, and nothing of it is carried on.
-- Both solutions satisfy phi = 0 and differ by O(h^3), so the extrapolated one violates it by O(h^6): nothing accumulates, because every
-  step ends on the constraints. Its velocity is projected, and accelerations and multipliers are those that belong to both.
+- The step maps positions on the constraints and velocities that violate them by A v + phi_t = -h^2 A e
+  (solver.start.newton). Both solutions begin with what belongs to their own h. Without, the violation that one step
+  reflects disturbs it by O(h^4), and the extrapolated run is of third order.
+- What a velocity violates is known from the steps before: it alternates about its smooth part with what it began with,
+  so the mean of three, (w_0 + 2 w_1 + w_2) / 4, is the smooth part, and nothing of it is carried on.
+- Both solutions satisfy phi = 0 and differ by O(h^3), so the extrapolated one violates it by O(h^6): nothing
+  accumulates, because every step ends on the constraints. Its velocity is projected, and accelerations and multipliers
+  are those that belong to both.
 
 Internal states follow the same rule. Motions that a step resolves are of fourth order; unresolved undamped ones grow,
 because (4 R(h/2)^2 - R(h)) / 3 exceeds one on the imaginary axis: by y^6 / 1152 per step with y = h omega. So does what
@@ -24,10 +27,22 @@ from __future__ import annotations
 import numpy as np
 
 from solver.compiled.kernel import YES, kernel
-from solver.compiled.so3 import log_quaternion, matrix_of_quaternion, quaternion_corrected, quaternion_exp, quaternion_product
+from solver.compiled.so3 import (
+    log_quaternion,
+    matrix_of_quaternion,
+    quaternion_corrected,
+    quaternion_exp,
+    quaternion_product,
+)
 from solver.compiled.vec import load33, mv, scale, store33
 from solver.errors import SpecError
-from solver.model.evaluate import add_constraint_forces, constraint_input_rates, constraint_rates, evaluate_constraints, evaluate_forces
+from solver.model.evaluate import (
+    add_constraint_forces,
+    constraint_input_rates,
+    constraint_rates,
+    evaluate_constraints,
+    evaluate_forces,
+)
 from solver.model.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, solve_saddle
 from solver.model.state import kinematics_of, placed_configuration, update_angles
 from solver.model.tables import Model
@@ -42,30 +57,39 @@ PENALTY = 1e6
 SPACING = 1e-3  # lengths of the model, or rad, between the places at which the rows of the constraints are differenced
 PASSES = 10  # passes of a projection or an acceleration at most; it ends before when a pass does not halve the residual
 EXACT = 1e-13  # relative residual of a projection or an acceleration at which it ends; digits beyond it are rounding
-RESOLVED = 0.5  # of a step, at least what a wind-up of friction takes to relax: from less on it swings from step to step
-# Phase in a step [rad] of a vibration on bushings, up to which their damping keeps it from growing under extrapolation: the car
-# with bushings is right at 2.1, and its energy grows without bounds at 4.2.
+# of a step, at least what a wind-up of friction takes to relax: from less on it swings from step to step
+RESOLVED = 0.5
+# Phase in a step [rad] of a vibration on bushings, up to which their damping keeps it from growing under extrapolation:
+# the car with bushings is right at 2.1, and its energy grows without bounds at 4.2.
 SHAKEN = 2.5
 # Kinds of elements with friction, and its stiffness and damping there.
-FRICTION = {'brakes': ('stiffness', 'damping'), 'clutches': ('stiffness', 'damping'), 'guides': ('brake_stiffness', 'brake_damping')}
+FRICTION = {
+    'brakes': ('stiffness', 'damping'),
+    'clutches': ('stiffness', 'damping'),
+    'guides': ('brake_stiffness', 'brake_damping'),
+}
 
 
 def require_resolved_friction(model: Model, h: float) -> None:
-    """Raise SpecError if the wind-up of a brake or clutch relaxes, while it slips, in less than RESOLVED of the step h [s]."""
+    """Raise SpecError if the wind-up of a brake or clutch relaxes, while it slips, in less than RESOLVED of the step h
+    [s]."""
     for kind, names in FRICTION.items():
         for spec in getattr(model.spec, kind):
             stiffness, damping = (getattr(spec, name) for name in names)
             least = RESOLVED * h * stiffness
             if damping < least:
                 raise SpecError(
-                    f'integrator: order = 4: the wind-up of {spec.where} relaxes in {damping / stiffness:.3g} s (damping over '
-                    f'stiffness), which steps of {h:g} s do not resolve: it would grow; give a damping of {least:.3g} N m s/rad or '
+                    f'integrator: order = 4: the wind-up of {spec.where} relaxes in {damping / stiffness:.3g} s '
+                    '(damping over '
+                    f'stiffness), which steps of {h:g} s do not resolve: it would grow; give a damping of {least:.3g} '
+                    'N m s/rad or '
                     f'more, or take integrator.order: 2'
                 )
 
 
 def require_resolved_bushings(model: Model, h: float) -> None:
-    """Raise SpecError if a body that bushings hold vibrates on what acts on it by more than SHAKEN rad in a step h [s]."""
+    """Raise SpecError if a body that bushings hold vibrates on what acts on it by more than SHAKEN rad in a step h
+    [s]."""
     held = sorted({m.body for spec in model.spec.bushings for m in (spec.i, spec.j)} & set(model.body_names))
     if not held:
         return
@@ -73,7 +97,9 @@ def require_resolved_bushings(model: Model, h: float) -> None:
     kin = kinematics_of(placed_configuration(model.spec.bodies), np.zeros((nb + 1, 6)))
     Kq, Kv = np.zeros((2, model.n_slots + 1, 6, 6))
     u, angle, z = np.zeros(len(model.spec.inputs)), np.zeros(len(model.coordinate_names)), np.zeros(model.n_internal)
-    evaluate_forces(model.tables, kin, angle, z, 0.0, u, True, np.zeros((nb + 1, 6)), Kq, Kv, z.copy(), model.new_outputs())
+    evaluate_forces(
+        model.tables, kin, angle, z, 0.0, u, True, np.zeros((nb + 1, 6)), Kq, Kv, z.copy(), model.new_outputs()
+    )
     fastest, body = 0.0, ''
     for name in held:
         b = model.body_names.index(name)
@@ -88,8 +114,10 @@ def require_resolved_bushings(model: Model, h: float) -> None:
                 fastest, body = square**0.5, name
     if fastest * h > SHAKEN:
         raise SpecError(
-            f'integrator: order = 4: body {body!r} vibrates on its bushings with {fastest:.3g} rad/s, which grows under extrapolation '
-            f'with steps of {h:g} s; it would take {SHAKEN / fastest:.2g} s, and order two is cheaper then: take integrator.order: 2'
+            f'integrator: order = 4: body {body!r} vibrates on its bushings with {fastest:.3g} rad/s, which grows '
+            'under extrapolation '
+            f'with steps of {h:g} s; it would take {SHAKEN / fastest:.2g} s, and order two is cheaper then: take '
+            'integrator.order: 2'
         )
 
 
@@ -97,8 +125,8 @@ def require_resolved_bushings(model: Model, h: float) -> None:
 def _combine_solutions(tables, full, s1, work):
     """s1, its velocity in work.v_out, and work.kin_end become those extrapolated from s1 and the state `full`.
 
-    Velocities as the step has them: what they violate cancels but for O(h^3), and is projected off in the metric of the masses. The
-    projection of a step, in the metric of its matrix, would leave O(h^3) along the free directions.
+    Velocities as the step has them: what they violate cancels but for O(h^3), and is projected off in the metric of the
+    masses. The projection of a step, in the metric of its matrix, would leave O(h^3) along the free directions.
     """
     for b in range(tables.bodies.mass.shape[0]):
         for i in range(3):
@@ -118,8 +146,8 @@ def _combine_solutions(tables, full, s1, work):
 
 @kernel(inner=True)
 def _factorize_masses(tables, masses, work):
-    """Factorize the masses with the constraints at work.J_end; returns -1 or a bad node. Masses as they are, zero where a body has none:
-    another metric would leave part of what is projected off.
+    """Factorize the masses with the constraints at work.J_end; returns -1 or a bad node. Masses as they are, zero where
+    a body has none: another metric would leave part of what is projected off.
     """
     effective_masses(tables, work.J_end, masses.W)
     for i in range(work.rate.shape[0]):
@@ -156,7 +184,8 @@ def _close_velocity(tables, masses, work):
 
 @kernel(inner=True)
 def _bias(tables, s, u, work):
-    """work.g = (dA/dt) v + phi_tt, by the fourth-order central difference of A v along the motion with frozen v; kin_stage is scratch."""
+    """work.g = (dA/dt) v + phi_tt, by the fourth-order central difference of A v along the motion with frozen v;
+    kin_stage is scratch."""
     kin, v = work.kin_stage, work.v_out
     fastest = 0.0
     for b in range(tables.bodies.mass.shape[0]):
@@ -185,7 +214,8 @@ def _bias(tables, s, u, work):
 def _accelerate(tables, masses, work):
     """work.a_out and work.lam_out with M a = f + A^T lam and A a = -work.g, by augmentation with the factorized masses.
 
-    work.f holds the forces. From zero on, so that nothing is added to multipliers of redundant constraints that balance each other.
+    work.f holds the forces. From zero on, so that nothing is added to multipliers of redundant constraints that balance
+    each other.
     """
     bodies, a, lam = tables.bodies, work.a_out, work.lam_out
     copy_rows(work.formulation.zero, a)
@@ -226,11 +256,11 @@ def _largest_of(x):
 
 @kernel(inner=True)
 def extrapolate(tables, masses, full, s1, u, want_outputs, last, work):
-    """Make of s1, the state after two steps, and of `full`, that after one, the state of fourth order in s1 and work.v_out. s1.v is left as
-    it is. masses: a Saddle of the condensed form, whose rows need no mass at every body.
+    """Make of s1, the state after two steps, and of `full`, that after one, the state of fourth order in s1 and
+    work.v_out. s1.v is left as it is. masses: a Saddle of the condensed form, whose rows need no mass at every body.
 
-    want_outputs: evaluate the forces there, for the account of energy. last: accelerations and multipliers too, because they are shown;
-    without, only where the account asks what power prescribed motions take.
+    want_outputs: evaluate the forces there, for the account of energy. last: accelerations and multipliers too, because
+    they are shown; without, only where the account asks what power prescribed motions take.
 
     For callers by address; status and counters are in work.result, as those of a step.
     """

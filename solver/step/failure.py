@@ -15,29 +15,38 @@ from solver.step.iteration_fixed import MOST_ITERATIONS
 from solver.step.settings import IntegratorSettings
 from solver.step.work import BAD_INPUT, INACCURATE, NON_FINITE, NOT_CONVERGED, SINGULAR, StepResult
 
-ROUNDING_PENALTY = 1e7  # with larger ones solutions of the condensed form of a car have errors that show (docs/formulation.md, "Rounding")
+# with larger ones solutions of the condensed form of a car have errors that show (docs/formulation.md, "Rounding")
+ROUNDING_PENALTY = 1e7
 MORE_DIGITS = 'give their markers and axes with more digits, or a joint with fewer rows'
-HARDLY = 0.05  # singular value of rows of unit norm, below which a direction is hardly held; ten times as much is a common linkage
+# singular value of rows of unit norm, below which a direction is hardly held; ten times as much is a common linkage
+HARDLY = 0.05
 FLAT = 0.03  # rad that a disc leans from its plane
 LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
 
 
-def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: State, work: Ref, result: StepResult, when: str) -> str:
+def sentence(
+    model: Model, settings: IntegratorSettings, scheme: Ref, state: State, work: Ref, result: StepResult, when: str
+) -> str:
     """Sentence on a step that failed. state: from which it started; work: as the step and those before it left it;
     when: instant and number of the step."""
     when = f'{when}: {_fast_turn(model, settings.h, state)}'
     where = result.where
     if result.status == NON_FINITE:
         body = model.body_names[where]
-        return when + f'the motion of body {body!r} is no longer finite; reduce integrator.h or check the loads on that body'
+        return (
+            when
+            + f'the motion of body {body!r} is no longer finite; reduce integrator.h or check the loads on that body'
+        )
     if result.status == SINGULAR:
         if where >= model.n_bodies:
             name = model.group_names[where - model.n_bodies]
-            return (
-                when + f'the step matrix is singular at constraint {name!r}; use integrator.form: condensed or a smaller integrator.penalty'
+            return when + (
+                f'the step matrix is singular at constraint {name!r}; use integrator.form: condensed or a smaller '
+                'integrator.penalty'
             )
         return when + (
-            f'the step matrix is singular at body {model.body_names[where]!r}: a part of its motion has neither inertia nor '
+            f'the step matrix is singular at body {model.body_names[where]!r}: a part of its motion has neither '
+            'inertia nor '
             'constraint nor stiffness; give the body mass and inertia, or constrain that motion'
         )
     if result.status == BAD_INPUT:
@@ -51,7 +60,8 @@ def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: Sta
         row = _next_to_singular(model, work)
         if row:
             return when + (
-                f'{said}: the mechanism passes next to a singular position, where constraint {row!r} hardly holds it and rounding '
+                f'{said}: the mechanism passes next to a singular position, where constraint {row!r} hardly holds it '
+                'and rounding '
                 'alone leaves more; take integrator.step_policy: rescue, the default, which passes it'
             )
         return when + f'{said}; {remedy} or allow more'
@@ -73,7 +83,10 @@ def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: Sta
         remedy = f'redundant joints contradict each other, most at constraint {row!r}: {MORE_DIGITS}'
     fallen = _fallen_disc(model, state)
     if fallen:
-        remedy = f'the disc of contact {fallen!r} has fallen flat on its plane, where it has no lowest point to roll on: end the run before'
+        remedy = (
+            f'the disc of contact {fallen!r} has fallen flat on its plane, where it has no lowest point to roll '
+            'on: end the run before'
+        )
     tried = max(scheme.iterations, MOST_ITERATIONS if scheme.fixed == 1 else 0)
     return when + f'no convergence in {tried} iterations (residual {result.counters.residual:.2g}{name}); {remedy}'
 

@@ -1,4 +1,5 @@
-"""Inputs inside an interval of the grid: prescribed motions by the quintic through both ends, all others as they are in the interval."""
+"""Inputs inside an interval of the grid: prescribed motions by the quintic through both ends, all others as they are in
+the interval."""
 
 from __future__ import annotations
 
@@ -7,7 +8,8 @@ from solver.compiled.kernel import kernel
 
 @kernel(borrow=True)
 def inputs_inside(motion, T, before, now, x, u):
-    """Assign u (nu,), the inputs at the fraction x of an interval of T [s]; before, now (nu,): those of the interval before and of this.
+    """Assign u (nu,), the inputs at the fraction x of an interval of T [s]; before, now (nu,): those of the interval
+    before and of this.
 
     motion (n, 3): value, rate and acceleration of the prescribed motions among the inputs.
     """

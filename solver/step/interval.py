@@ -2,10 +2,12 @@
 
 The grid, k h, is fixed; inside an interval of it the step is chosen freely, so time stays an integer. `step_policy`:
 
-`rescue`: a step that fails is halved and taken again from its start; after easy steps it doubles. `error`: the rate of the local error
-(solver.step.attempt) is held at the tolerance by a PI controller [Gustafsson1991], so that the error of a run is proportional to it.
+`rescue`: a step that fails is halved and taken again from its start; after easy steps it doubles. `error`: the rate of
+the local error (solver.step.attempt) is held at the tolerance by a PI controller [Gustafsson1991], so that the error of
+a run is proportional to it.
 
-While nothing fails and penalties stay, a step does what that of solver.step.augmented_lagrangian.advance does, bit by bit.
+While nothing fails and penalties stay, a step does what that of solver.step.augmented_lagrangian.advance does, bit by
+bit.
 """
 
 from __future__ import annotations
@@ -70,8 +72,9 @@ def is_undetermined(h_before, before, h, error, allowed):
     """True where the last of two attempts (h, rate of its error) is hardly more accurate than the one before, and its
     error is allowed.
 
-    Next to a singular position the motion is determined only so far, and a jump of the forces has an error of rate one however
-    small the step: the step with the smallest error is then the one to take. Truncation errors fall with the square.
+    Next to a singular position the motion is determined only so far, and a jump of the forces has an error of rate one
+    however small the step: the step with the smallest error is then the one to take. Truncation errors fall with the
+    square.
     """
     return error > before * np.sqrt(h / h_before) and min(h_before * before, h * error) <= allowed
 
@@ -106,7 +109,8 @@ def _give_up(c, control, old, work):
 
 @kernel(inner=True)
 def _note_step(control, t, h):
-    """The step h, or that of the history if it is the same but for rounding; an event if it is another than the last."""
+    """The step h, or that of the history if it is the same but for rounding; an event if it is another than the
+    last."""
     memory = control.memory
     if abs(h - control.history.size[0]) < 1e-12 * h:
         h = control.history.size[0]
@@ -250,13 +254,14 @@ def _interval(tables, c, control, old, new, u, t, outputs, audit, left, work):
 
 @kernel(borrow=True)
 def advance_adapting(tables, c, control, s0, s1, inputs, first, count, k, audit, work):
-    """Advance over count intervals, from index k of the grid on, with rows first.. of inputs (n, nu); s0 is the present state.
+    """Advance over count intervals, from index k of the grid on, with rows first.. of inputs (n, nu); s0 is the present
+    state.
 
-    A single row of inputs holds for all. audit: evaluate outputs after every step and keep the energy balance. Outputs are of the last
-    step, in work.arrays too. Returns (StepResult with summed counters and largest residuals, intervals done, whether the newest state is
-    in s1). Status PAUSED: there is more to do, in further calls with the rows that are left; it may be in the middle of an interval
-    (Control.progress), behind one in which a step failed, or because events wait to be taken away. After a failure the state is that at
-    the start of the interval.
+    A single row of inputs holds for all. audit: evaluate outputs after every step and keep the energy balance. Outputs
+    are of the last step, in work.arrays too. Returns (StepResult with summed counters and largest residuals, intervals
+    done, whether the newest state is in s1). Status PAUSED: there is more to do, in further calls with the rows that
+    are left; it may be in the middle of an interval (Control.progress), behind one in which a step failed, or because
+    events wait to be taken away. After a failure the state is that at the start of the interval.
     """
     held = inputs.shape[0] == 1
     total = Counters(0, 0, 0, 0, 0.0, 0.0, 0.0)
@@ -273,7 +278,9 @@ def advance_adapting(tables, c, control, s0, s1, inputs, first, count, k, audit,
         u = inputs[0 if held else first + done]
         t = (k + done) * control.h_ns * 1e-9
         last = done == count - 1
-        status, where, counters, attempts, turned = _interval(tables, c, control, old, new, u, t, last, audit, left, work)
+        status, where, counters, attempts, turned = _interval(
+            tables, c, control, old, new, u, t, last, audit, left, work
+        )
         left -= max(0, attempts - 1)
         total = added(total, counters)
         if turned:

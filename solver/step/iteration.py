@@ -11,23 +11,33 @@ from solver.compiled.kernel import YES, invoke, kernel
 from solver.model.evaluate import add_constraint_forces, add_constraint_stiffness, evaluate_constraints, evaluate_forces
 from solver.model.saddle import assemble_tangent, effective_masses, factorize_saddle, rotate_columns
 from solver.step.augmentation import begin_augmentation, restore, weighed, withhold
-from solver.step.stage import BOTH, WITH_TANGENTS, copy_blocks, is_row_finite, largest_by_length, largest_turn, momentum_residual, place
+from solver.step.stage import (
+    BOTH,
+    WITH_TANGENTS,
+    copy_blocks,
+    is_row_finite,
+    largest_by_length,
+    largest_turn,
+    momentum_residual,
+    place,
+)
 
-# The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than the last
-# values keeps that part from drifting, while the determined part is found again by the first iteration.
+# The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than
+# the last values keeps that part from drifting, while the determined part is found again by the first iteration.
 WARM_START = 0.9999
 LARGEST_STAGNATION = 1e-2  # relative velocity increment below which an iteration that stops converging is accepted
 # Rate of an iteration, increment over the one before; one with a larger rate is stopped and its best iterate judged.
 STAGNATION = 0.5
-LARGEST_TURN = 0.1  # rad; an iteration that wants to turn a body by more follows tangents that no longer hold: it goes only so far
+# rad; an iteration that wants to turn a body by more follows tangents that no longer hold: it goes only so far
+LARGEST_TURN = 0.1
 GAIN = 0.1  # part of the violation that an iterate may have without the combination that would close it
 
 
 @kernel(borrow=True)
 def assemble(tables, c, lam, to_g, work):
-    """Assign penalties, constraint rows and the force part of the step matrix in work.saddle from what was evaluated before, the
-    gradients of the end in work.saddle.J_force (work.J_end with c.weigh, and when iterating to a tolerance) among it. With
-    augmentation.by_stage the gradients of the stage take their place (solver.step.augmentation).
+    """Assign penalties, constraint rows and the force part of the step matrix in work.saddle from what was evaluated
+    before, the gradients of the end in work.saddle.J_force (work.J_end with c.weigh, and when iterating to a tolerance)
+    among it. With augmentation.by_stage the gradients of the stage take their place (solver.step.augmentation).
     """
     saddle = work.saddle
     T = work.T_end
@@ -46,15 +56,19 @@ def assemble(tables, c, lam, to_g, work):
     add_constraint_stiffness(tables, work.kin_stage, lam, work.Kq, work.Kv)
     # rows of the end of the step in both places: see the module docstring of solver.model.saddle
     rotate_columns(tables.constraints, saddle.J_force, T, saddle.J_row)
-    assemble_tangent(tables, 1.0 - c.am, s * c.beta * c.h * c.h, s * c.gamma * c.h, work.Kq, work.Kv, work.T_stage, saddle.B)
+    assemble_tangent(
+        tables, 1.0 - c.am, s * c.beta * c.h * c.h, s * c.gamma * c.h, work.Kq, work.Kv, work.T_stage, saddle.B
+    )
 
 
 @kernel(inner=True)
 def predict(c, s0, s1, work):
-    """Assign the first iterate, s1.a and s1.lam, and work.zp; returns cz: internal states of the stage are z = zp + cz dz/dt.
+    """Assign the first iterate, s1.a and s1.lam, and work.zp; returns cz: internal states of the stage are z = zp + cz
+    dz/dt.
 
-    The acceleration of the stage is smooth even where a oscillates (rho_inf near one): predict with it. A single iteration is of
-    second order only from a linear prediction; further iterations need none, and it would carry kicks on.
+    The acceleration of the stage is smooth even where a oscillates (rho_inf near one): predict with it. A single
+    iteration is of second order only from a linear prediction; further iterations need none, and it would carry kicks
+    on.
     """
     slope = 1.0 if c.fixed == 1 and c.iterations == 1 else 0.0
     share = 1.0 / (1.0 - c.am)
@@ -73,9 +87,12 @@ def predict(c, s0, s1, work):
 
 @kernel(inner=True)
 def evaluate_iterate(tables, c, s0, s1, u, cz, tangents, J_end, work):
-    """Assign the residuals work.r and work.g at the present iterate; with `tangents` all that assemble() needs besides."""
+    """Assign the residuals work.r and work.g at the present iterate; with `tangents` all that assemble() needs
+    besides."""
     place(tables, c, s0, s1.a, s1.q, WITH_TANGENTS if tangents else BOTH, work)
-    evaluate_forces(tables, work.kin_stage, s0.angle, work.zp, cz, u, tangents, work.f, work.Kq, work.Kv, work.z_stage, work.outputs)
+    evaluate_forces(
+        tables, work.kin_stage, s0.angle, work.zp, cz, u, tangents, work.f, work.Kq, work.Kv, work.z_stage, work.outputs
+    )
     evaluate_constraints(tables, work.kin_stage, s0.angle, u, YES, work.phi_stage, work.J_stage)
     evaluate_constraints(tables, work.kin_end, s0.angle, u, tangents, work.phi_end, J_end)
     add_constraint_forces(tables.constraints, work.J_stage, s1.lam, 1.0, work.f)
@@ -94,7 +111,8 @@ def _to_g(c):
 
 @kernel(inner=True)
 def increment_of(work):
-    """(largest increment of an acceleration [m/s^2], largest of those that turn a body [rad/s^2], body that is not finite or -1)."""
+    """(largest increment of an acceleration [m/s^2], largest of those that turn a body [rad/s^2], body that is not
+    finite or -1)."""
     increment = 0.0
     turn = 0.0
     bad = -1
@@ -135,7 +153,8 @@ def factorize(tables, c, lam, work):
 
 @kernel(inline=True)
 def evaluate_tried(tables, c, s0, s1, u, cz, part, tangents, J_end, work):
-    """evaluate_iterate(), and again with the combination that was withheld from the iterate, if the violation grew without it.
+    """evaluate_iterate(), and again with the combination that was withheld from the iterate, if the violation grew
+    without it.
 
     part: of the last increment, that was added. Returns the number of evaluations.
     """
@@ -173,5 +192,6 @@ def begin_iterations(work):
 
 @kernel(inline=True)
 def may_withhold(c, used, work):
-    """Withhold the combination of `used` directions from the first increment, where one of them may be none; whether it was."""
+    """Withhold the combination of `used` directions from the first increment, where one of them may be none; whether it
+    was."""
     return used > 0 and withhold(work.augmentation, used, c.penalty, c.beta * c.h * c.h, work.dw, work.dlam)

@@ -65,8 +65,9 @@ def _is_lost_anyway(c, s0, s1, left, speed, length):
 
 @kernel(borrow=True)
 def _solve_by_stage(tables, c, s0, s1, u, measure, share, smallest, work):
-    """Solve once more with the rows of the stage in the matrix, for a direction that those of the end do not see; with those of the end
-    after all where the stage sees it no better. Returns (directions combined, factorizations, row that is singular or -1).
+    """Solve once more with the rows of the stage in the matrix, for a direction that those of the end do not see; with
+    those of the end after all where the stage sees it no better. Returns (directions combined, factorizations, row that
+    is singular or -1).
     """
     saddle, augmentation = work.saddle, work.augmentation
     copy_rows(work.dw, work.a_best)
@@ -89,18 +90,30 @@ def _solve_by_stage(tables, c, s0, s1, u, measure, share, smallest, work):
 
 @kernel(inline=True)
 def _combine_fixed(tables, c, s0, s1, u, first, factorized, growing, unseen, speed, work):
-    """Combine augmentations in an iteration of mode fixed; once a step by the rows of the stage, if those of the end miss a direction.
+    """Combine augmentations in an iteration of mode fixed; once a step by the rows of the stage, if those of the end
+    miss a direction.
 
-    first: of the step. factorized: the matrix is that of this iterate. growing: multipliers grew as before a singular position.
-    unseen: a direction was met that the end of the step does not see. Returns (directions combined, unseen, factorizations,
-    row that is singular or -1).
+    first: of the step. factorized: the matrix is that of this iterate. growing: multipliers grew as before a singular
+    position. unseen: a direction was met that the end of the step does not see. Returns (directions combined, unseen,
+    factorizations, row that is singular or -1).
     """
     saddle, augmentation = work.saddle, work.augmentation
     share, smallest = ENOUGH * ENOUGH, HELD * speed / (c.gamma * c.h)
     augmentation.withheld[0] = 0
     used = combine(tables, c.form, saddle, augmentation, first, share, smallest, work.g, work.dw, work.dlam)
     if first and growing and augmentation.dropped[0] == 0:
-        is_unseen(tables, c.form, saddle, augmentation, work.J_stage, work.T_stage, work.g, work.dw, work.a_best, work.lam_best)
+        is_unseen(
+            tables,
+            c.form,
+            saddle,
+            augmentation,
+            work.J_stage,
+            work.T_stage,
+            work.g,
+            work.dw,
+            work.a_best,
+            work.lam_best,
+        )
     if augmentation.dropped[0] == 1 and factorized and not unseen:
         used, more, where = _solve_by_stage(tables, c, s0, s1, u, first, share, smallest, work)
         return used, YES, more, where
@@ -112,8 +125,8 @@ def is_closed_by_the_end(tables, J_end, before, work):
     """True where an iteration that grows is next to a singular position, with constraints that are closed. before: the
     last increment.
 
-    They are not closed by forces along A of the stage: the impulse that closed them acted along A of the end, which is as good
-    to second order. Going on only makes it worse.
+    They are not closed by forces along A of the stage: the impulse that closed them acted along A of the end, which is
+    as good to second order. Going on only makes it worse.
     """
     saddle = work.saddle
     closed = weighed(saddle.W, work.g, work.g) < SETTLED_SHARE * SETTLED_SHARE * work.augmentation.violation[0]
@@ -148,7 +161,9 @@ def iterate_fixed(tables, c, s0, s1, u, cz, speed, work):
                 break
         solve_saddle(tables, c.form, work.saddle, work.r, work.g, work.dw, work.dlam)
         if c.combined == 1 and (refactor or work.augmentation.known[0] > 0):
-            used, unseen, more, where = _combine_fixed(tables, c, s0, s1, u, it == 0, refactor, growing, unseen, speed, work)
+            used, unseen, more, where = _combine_fixed(
+                tables, c, s0, s1, u, it == 0, refactor, growing, unseen, speed, work
+            )
             factorizations += more
             if where >= 0:
                 status = SINGULAR
@@ -167,16 +182,18 @@ def iterate_fixed(tables, c, s0, s1, u, cz, speed, work):
             stagnated = 1
             break
         if it >= max(c.iterations, DAMPED_FROM):
-            part = min(part, 0.5)  # Newton's iteration may go round between the branches of a contact; half of it does not
+            # Newton's iteration may go round between the branches of a contact; half of it does not
+            part = min(part, 0.5)
         add_increment(part, s1, work)
         rate = increment / before if before > 0.0 else 1.0
         left = remaining(increment, rate) if part == 1.0 else increment
         last = it >= c.iterations - 1 + tried
         settled = left < (SETTLED_SHARE if last else LARGEST_STAGNATION)
-        # A run is judged by its last increments, of which nobody knows what the next would be: of one that is large it is made.
+        # A run is judged by its last increments, of which nobody knows what the next would be: of one that is large it
+        # is made.
         settled &= increment < LARGEST_STAGNATION or not last
-        # What every step leaves in one direction adds up, so it must be less than what steps lose anyway. Of a single iteration no
-        # gain is known; and where one with new tangents gains nothing, another one is no better.
+        # What every step leaves in one direction adds up, so it must be less than what steps lose anyway. Of a single
+        # iteration no gain is known; and where one with new tangents gains nothing, another one is no better.
         enough = it == 0 or (it >= c.iterations and rate > STAGNATION)
         enough = enough or (last and settled and _is_lost_anyway(c, s0, s1, left * speed, speed, work.length))
         if last and settled and work.augmentation.withheld[0] == 0 and enough:

@@ -36,7 +36,9 @@ def _balanced(tables, c, speed, work):
     (constraints)."""
     limit = c.tolerance * speed
     for i in range(work.phi_end.shape[0]):
-        if not work.row_length[i] * abs(work.phi_end[i]) <= (limit * c.h if tables.constraints.holonomic[i] == 1 else limit):
+        if not work.row_length[i] * abs(work.phi_end[i]) <= (
+            limit * c.h if tables.constraints.holonomic[i] == 1 else limit
+        ):
             return False
     for b in range(tables.bodies.mass.shape[0]):
         for i in range(3):
@@ -69,8 +71,8 @@ def iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work):
 
     The factorization is kept while an iteration gains a digit.
     """
-    # An iteration that has converged may end before its gradients are factorized: the projection must solve with the rows that the
-    # factorization has, so they are evaluated beside them.
+    # An iteration that has converged may end before its gradients are factorized: the projection must solve with the
+    # rows that the factorization has, so they are evaluated beside them.
     J_end = work.J_end
     status, where, stagnated = NOT_CONVERGED, 0, 0
     iterations, factorizations, evaluations = 0, 0, 0
@@ -126,8 +128,9 @@ def iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work):
         if part < 1.0:
             increment = 0.0  # nothing to compare the next iteration with
     if status == NOT_CONVERGED and best < LARGEST_STAGNATION:
-        # Next to a singular position the iteration may not settle along the direction that the constraints hardly see (the force
-        # direction A at the stage and the constraint row A at the end can have opposite signs there); its best iterate is as good as any.
+        # Next to a singular position the iteration may not settle along the direction that the constraints hardly see
+        # (the force direction A at the stage and the constraint row A at the end can have opposite signs there); its
+        # best iterate is as good as any.
         return_to_best(s1, work)
         residual = best
         status = OK

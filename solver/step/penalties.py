@@ -1,4 +1,5 @@
-"""Penalties that follow the iteration (`penalty_policy: adaptive`; the formulation leaves the rules open, these are ours).
+"""Penalties that follow the iteration (`penalty_policy: adaptive`; the formulation leaves the rules open, these are
+ours).
 
 An iteration that stagnates with constraints open is repeated from the start of the step with larger penalties of the
 slowest constraints: those with the largest violation, weighed by the masses behind them. If the step would be accepted
@@ -11,7 +12,17 @@ from __future__ import annotations
 import numpy as np
 
 from solver.compiled.kernel import invoke, kernel
-from solver.step.control import EASY, LONGEST_PATIENCE, NO_HELP, OF_PENALTY, PATIENCE, RAISE, STAGNATION, copy_vector, note_event
+from solver.step.control import (
+    EASY,
+    LONGEST_PATIENCE,
+    NO_HELP,
+    OF_PENALTY,
+    PATIENCE,
+    RAISE,
+    STAGNATION,
+    copy_vector,
+    note_event,
+)
 from solver.step.iteration import LARGEST_STAGNATION, speed_of
 from solver.step.work import NOT_CONVERGED, OK, added, last_result
 
@@ -38,8 +49,8 @@ def lose_patience(control):
 
 @kernel(inner=True)
 def converge(tables, c, control, source, target, h, tolerance, u, t, outputs, work):
-    """Take the step of size h; while it is stuck with constraints open, again with their penalties raised. The result of the last attempt
-    is in work; returns the counters of all.
+    """Take the step of size h; while it is stuck with constraints open, again with their penalties raised. The result
+    of the last attempt is in work; returns the counters of all.
     """
     invoke(c.step, (tables, c, source, target, u, outputs, work))
     total = last_result(work).counters
@@ -88,7 +99,8 @@ def _violation(tables, c, h, i, work):
 
 @kernel(inner=True)
 def _raise(tables, c, control, slowest, limit, h, t, work):
-    """Raise penalties that are below the cap, with `slowest` those of the slowest rows open by more than the limit; whether any."""
+    """Raise penalties that are below the cap, with `slowest` those of the slowest rows open by more than the limit;
+    whether any."""
     n = c.penalty.shape[0]
     least = 0.0
     if slowest:

@@ -10,7 +10,8 @@ from solver.step.constraint_coefficients import mass_factors
 from solver.step.settings import IntegratorSettings
 from solver.step.work import Scheme, scheme_parameters
 
-# Iterations of a step of order four, at least: with two its order falls to 2.5 (double pendulum), with one to two; six change nothing.
+# Iterations of a step of order four, at least: with two its order falls to 2.5 (double pendulum), with one to two; six
+# change nothing.
 FEWEST_OF_FOUR = 3
 
 

@@ -9,8 +9,10 @@ from solver.dimensions import PerSecond, Time
 from solver.validate import finite, require
 
 WHERE = 'integrator'
-LONGEST = 1e9  # s, of a step: 30 years; time is counted in nanoseconds, with 63 bits, and stamps of messages have 31 bits of seconds
-ROUNDED = 4.4e-16  # relative rounding of a step in seconds, two units in its last place; ten times as much is a ns of a step of 5 days
+# s, of a step: 30 years; time is counted in nanoseconds, with 63 bits, and stamps of messages have 31 bits of seconds
+LONGEST = 1e9
+# relative rounding of a step in seconds, two units in its last place; ten times as much is a ns of a step of 5 days
+ROUNDED = 4.4e-16
 SMALLEST_PART = 1024  # a step that fails is halved ten times: more costs more than it saves
 
 
@@ -19,28 +21,27 @@ class IntegratorSettings:
     """Settings of the integrator (equations and choices: docs/formulation.md).
 
     kind: 'alf' is the augmented-Lagrangian integrator, 'm_alf' the same code as the usual augmented Lagrangian of
-    multibody codes [Bayo1988] (h_R = lam_R, m_R = 1), 'reference_*' independent slow solutions of the same model.
-    h: step [s], a whole number of nanoseconds. rho_inf: spectral radius at infinite frequency, 0 (strong damping) to 1 (none).
-    order: 2, or 4 by extrapolation of steps of h and h / 2 (needs rho_inf 1): three times the work for accuracy where motions are smooth
-    and nothing stiff is left unresolved, with three iterations at least. Motions are prescribed with that accuracy, force-like inputs are
-    held over a step.
-    mode: 'fixed' spends `iterations` Newton iterations per step, and more, up to 20, only where they do not contract (a stop is hit, a
-    wheel lands), leave more than the step itself loses, or where the last one was above 0.01 of the largest velocity (a torque that is
-    there at once); 'tolerance' iterates until the relative residual and increment are below `tolerance` or `max_iterations` is reached.
-    penalty: xi, dimensionless. form: 'condensed' factorizes the n x n matrix with penalties added, 'block' keeps the
-    multipliers.
-    augmentation: 'combined' closes constraints that one augmentation of an iteration leaves open by a combination of further ones,
-    'plain' leaves them to the next iteration.
-    effective_mass: what a penalty multiplies, m_R of a constraint by itself ('isolated') or with the others in force ('coupled').
-    coefficients: 'mass' uses m_R alone, 'full' adds what c_R and k_R contribute in one step. mass_factor: multiplies m_R, one
-    number or a mapping from constraints (a joint, a coupler or one row) to numbers; with kind 'm_alf' it multiplies m_R = 1.
-    penalty_policy: 'adaptive' raises the penalties of the slowest constraints, up to `penalty_cap`, in a step that does not converge,
-    and relaxes them after easy steps.
-    step_policy: 'constant' keeps h; 'rescue' halves a step that fails, down to `h_min`, and doubles it after easy steps; 'error'
-    also keeps the estimated local error below `error_tolerance` per second: positions in m or rad, velocities relative to the
-    largest one. h is then the grid of inputs and outputs and the largest step. 'auto' is 'rescue' where nothing waits for a step,
-    and 'constant' in the node, whose steps have their time. Error control and adaptive penalties need mode 'tolerance'.
-    h_min: the smallest step; where it is not given (0) h / 1024 with 'rescue', 1e-8 with 'error'.
+    multibody codes [Bayo1988] (h_R = lam_R, m_R = 1), 'reference_*' independent slow solutions of the same model. h:
+    step [s], a whole number of nanoseconds. rho_inf: spectral radius at infinite frequency, 0 (strong damping) to 1
+    (none). order: 2, or 4 by extrapolation of steps of h and h / 2 (needs rho_inf 1): three times the work for accuracy
+    where motions are smooth and nothing stiff is left unresolved, with three iterations at least. Motions are
+    prescribed with that accuracy, force-like inputs are held over a step. mode: 'fixed' spends `iterations` Newton
+    iterations per step, and more, up to 20, only where they do not contract (a stop is hit, a wheel lands), leave more
+    than the step itself loses, or where the last one was above 0.01 of the largest velocity (a torque that is there at
+    once); 'tolerance' iterates until the relative residual and increment are below `tolerance` or `max_iterations` is
+    reached. penalty: xi, dimensionless. form: 'condensed' factorizes the n x n matrix with penalties added, 'block'
+    keeps the multipliers. augmentation: 'combined' closes constraints that one augmentation of an iteration leaves open
+    by a combination of further ones, 'plain' leaves them to the next iteration. effective_mass: what a penalty
+    multiplies, m_R of a constraint by itself ('isolated') or with the others in force ('coupled'). coefficients: 'mass'
+    uses m_R alone, 'full' adds what c_R and k_R contribute in one step. mass_factor: multiplies m_R, one number or a
+    mapping from constraints (a joint, a coupler or one row) to numbers; with kind 'm_alf' it multiplies m_R = 1.
+    penalty_policy: 'adaptive' raises the penalties of the slowest constraints, up to `penalty_cap`, in a step that does
+    not converge, and relaxes them after easy steps. step_policy: 'constant' keeps h; 'rescue' halves a step that fails,
+    down to `h_min`, and doubles it after easy steps; 'error' also keeps the estimated local error below
+    `error_tolerance` per second: positions in m or rad, velocities relative to the largest one. h is then the grid of
+    inputs and outputs and the largest step. 'auto' is 'rescue' where nothing waits for a step, and 'constant' in the
+    node, whose steps have their time. Error control and adaptive penalties need mode 'tolerance'. h_min: the smallest
+    step; where it is not given (0) h / 1024 with 'rescue', 1e-8 with 'error'.
     """
 
     kind: Literal['alf', 'm_alf', 'reference_bdf', 'reference_radau', 'reference_ida', 'reference_kkt'] = 'alf'
@@ -91,7 +92,9 @@ class IntegratorSettings:
             ('penalty_policy', self.penalty_policy, ('constant',)),
             ('step_policy', self.step_policy, ('auto', 'constant', 'rescue')),
         ):
-            remedy = 'needs integrator.mode: tolerance (a fixed number of iterations has no measured accuracy to adapt to)'
+            remedy = (
+                'needs integrator.mode: tolerance (a fixed number of iterations has no measured accuracy to adapt to)'
+            )
             require(value in any_mode or self.mode == 'tolerance', WHERE, name, value, remedy)
         if self.penalty_policy == 'adaptive':
             remedy = f'must be at least integrator.penalty = {self.penalty:g}'

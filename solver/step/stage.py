@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from solver.compiled.kernel import kernel
-from solver.compiled.so3 import matrix_of_quaternion, quaternion_corrected, quaternion_exp, quaternion_product, right_jacobian
+from solver.compiled.so3 import (
+    matrix_of_quaternion,
+    quaternion_corrected,
+    quaternion_exp,
+    quaternion_product,
+    right_jacobian,
+)
 from solver.compiled.vec import load33, mv, scale, store33
 
 AT_END, BOTH, WITH_TANGENTS = map(np.int64, range(3))  # what place assigns; not literals, for one compilation
@@ -68,8 +74,8 @@ def is_row_finite(x, b):
 
 @kernel(borrow=True)
 def place(tables, c, s0, a1, q1, what, work):
-    """Assign q1 and the kinematics of the end for the end acceleration a1; those of the stage unless `what` is AT_END, and both
-    rotation tangents when it is WITH_TANGENTS.
+    """Assign q1 and the kinematics of the end for the end acceleration a1; those of the stage unless `what` is AT_END,
+    and both rotation tangents when it is WITH_TANGENTS.
     """
     h = c.h
     s = 1.0 - c.af
@@ -116,10 +122,16 @@ def momentum_residual(tables, c, a0, a1, f, r):
     for b in range(bodies.mass.shape[0]):
         mass = bodies.mass[b]
         J = load33(bodies.inertia, b)
-        change = mv(J, (late * a1[b, 3] + c.am * a0[b, 3], late * a1[b, 4] + c.am * a0[b, 4], late * a1[b, 5] + c.am * a0[b, 5]))
+        change = mv(
+            J, (late * a1[b, 3] + c.am * a0[b, 3], late * a1[b, 4] + c.am * a0[b, 4], late * a1[b, 5] + c.am * a0[b, 5])
+        )
         force = (f[b, 0], f[b, 1], f[b, 2])
         torque = (f[b, 3], f[b, 4], f[b, 5])
-        momentum = (late * a1[b, 0] + c.am * a0[b, 0], late * a1[b, 1] + c.am * a0[b, 1], late * a1[b, 2] + c.am * a0[b, 2])
+        momentum = (
+            late * a1[b, 0] + c.am * a0[b, 0],
+            late * a1[b, 1] + c.am * a0[b, 1],
+            late * a1[b, 2] + c.am * a0[b, 2],
+        )
         for i in range(3):
             r[b, i] = mass * momentum[i] - force[i]
             r[b, 3 + i] = change[i] - torque[i]

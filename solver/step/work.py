@@ -34,10 +34,12 @@ class Scheme(NamedTuple):
     gamma: float
     am1: float  # of first-order states
     gamma1: float
-    ahead: float  # from the stage to the end of the step, in intervals between the last two stages: af while the step is constant
+    # from the stage to the end of the step, in intervals between the last two stages: af while the step is constant
+    ahead: float
     penalty: np.ndarray  # (nc,) xi_R, dimensionless
     factor: np.ndarray  # (nc,) multiplies the coefficients m_R (the experiment with m/10, docs/studies.md)
-    m_alf: int  # 1: h_R = lam_R with unit coefficients (k = 1, m = c = f = 0): W = xi beta h^2 (xi gamma h of a velocity)
+    # 1: h_R = lam_R with unit coefficients (k = 1, m = c = f = 0): W = xi beta h^2 (xi gamma h of a velocity)
+    m_alf: int
     weigh: int  # address of solver.step.constraint_coefficients.weigh, 0: W are the isolated effective masses
     coupled: int  # 1: coupled effective masses
     full: int  # 1: with c_R and k_R
@@ -67,7 +69,8 @@ def scheme_parameters(h: float, rho_inf: float) -> dict[str, float]:
 
 
 class Work(NamedTuple):
-    """Scratch and outputs of a step; nothing in it but the account and its inputs before survives from one step to the next."""
+    """Scratch and outputs of a step; nothing in it but the account and its inputs before survives from one step to the
+    next."""
 
     kin_stage: Kinematics  # at the generalized midpoint; the suffix says the instant: stage or end of the step
     kin_end: Kinematics
@@ -106,7 +109,8 @@ class Work(NamedTuple):
     chassis: int  # body of the inertial unit
     length: float  # of the model [m] (solver.model.scale): a turn by 1 rad counts as much as a displacement by it
     slow: np.ndarray  # (1,) speed [m/s], below which velocities count as so much
-    row_length: np.ndarray  # (nc,) what makes a length [m] of the residual of a row: 1, or the length of the model of one in rad
+    # (nc,) what makes a length [m] of the residual of a row: 1, or the length of the model of one in rad
+    row_length: np.ndarray
     arrays: OutputArrays  # what a Snapshot shows
     result: np.ndarray  # (9,) StepResult of the last step, its counters one by one
 
@@ -124,7 +128,8 @@ class LastStep(NamedTuple):
 
 
 class StepResult(NamedTuple):
-    """Status and counters of one step, or of several; `where` is a body, group or iteration index that belongs to the status."""
+    """Status and counters of one step, or of several; `where` is a body, group or iteration index that belongs to the
+    status."""
 
     status: int
     where: int

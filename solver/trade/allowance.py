@@ -10,17 +10,20 @@ from dataclasses import dataclass, field
 from solver.trade.runs import clock
 
 LONGEST = 170.0  # s that a plan may take
-TIMES = 10.0  # CPU times of the full run that a plan may take; with ten times as much it pays for those alone who make hundreds of runs
+# CPU times of the full run that a plan may take; with ten times as much it pays for those alone who make hundreds of
+# runs
+TIMES = 10.0
 
 
 @dataclass
 class Allowance:
     """Limits of what a plan may take.
 
-    longest: wall time [s]. times: CPU times of the full run, the time `startup` [s] that this process had taken before included:
-    a run takes that too. ended(): says that somebody wants no more of the plan. once(): CPU time [s] that was spent on what is kept
-    for all plans of the vehicle, and does not count. until: the share of the whole that may be taken by now. full_run: CPU time [s]
-    of the full run as a command, from its first line to its last step, infinite until it is known.
+    longest: wall time [s]. times: CPU times of the full run, the time `startup` [s] that this process had taken before
+    included: a run takes that too. ended(): says that somebody wants no more of the plan. once(): CPU time [s] that was
+    spent on what is kept for all plans of the vehicle, and does not count. until: the share of the whole that may be
+    taken by now. full_run: CPU time [s] of the full run as a command, from its first line to its last step, infinite
+    until it is known.
     """
 
     longest: float = LONGEST
@@ -44,7 +47,8 @@ class Allowance:
 
     @property
     def cpu(self) -> float:
-        """CPU time [s] of the plan, with what this process had taken before, without what was spent once for the vehicle."""
+        """CPU time [s] of the plan, with what this process had taken before, without what was spent once for the
+        vehicle."""
         return self.startup + time.process_time() - self.cpu_before - self.once()
 
     @property
@@ -66,4 +70,7 @@ class Allowance:
             return f'the plan was interrupted after {self.took:.0f} s'
         if self._of_time >= self.cpu / (self.times * self.full_run):
             return f'the time was up after {self.took:.0f} s (mbd plan --time)'
-        return f'it has taken {self.cpu / self.full_run:.1f} times the CPU time of the full run (mbd plan --time SECONDS allows more)'
+        return (
+            f'it has taken {self.cpu / self.full_run:.1f} times the CPU time of the full run (mbd plan --time '
+            'SECONDS allows more)'
+        )

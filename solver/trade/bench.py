@@ -1,8 +1,8 @@
 """The bench of a scene: runs, converged references, errors by origin and costs of its settings, each made once.
 
-A `Bench` is a frozen record. Its memory holds all that was measured, and a changed copy (dataclasses.replace) shares it.
-The functions are named after what they return, for a maneuver `v` (solver.trade.variations) and a setting. Threads may
-call them at the same time.
+A `Bench` is a frozen record. Its memory holds all that was measured, and a changed copy (dataclasses.replace) shares
+it. The functions are named after what they return, for a maneuver `v` (solver.trade.variations) and a setting. Threads
+may call them at the same time.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from solver.trade.variations import AS_GIVEN, Variation, varied
 
 FULL = Setting()
 Key = tuple[Hashable, ...]
-# CPU time [s] of a derivation that is kept for the next plan: one that is found takes a tenth. With ten times as much that of a
-# single track alone would be so.
+# CPU time [s] of a derivation that is kept for the next plan: one that is found takes a tenth. With ten times as much
+# that of a single track alone would be so.
 ONCE = 0.5
 
 
@@ -44,12 +44,12 @@ class Bench:
     """A scene on the bench.
 
     scene: the full vehicle, nothing switched off. names: quantities that runs are seen through. steps: [s] of the
-    converged full vehicle, coarsest first. requirements: limits that settings are held against. seen: maneuvers that serve
-    to choose. apart: settings of the full vehicle, coarse one first, that serve as reference on other maneuvers than that
-    of the scene, as they are or extrapolated (solver.trade.elsewhere); none: the two finest steps do. falls: what of the
-    band of the reference counts as its error: bands fall with the steps, and that of the finest limit is the next one. stop(): says that
-    runs shall end, by Stopped. kept: whole runs on disk. ledger: what was spent. made: the memory; locks: one for each
-    entry, so that threads wait for what another one makes.
+    converged full vehicle, coarsest first. requirements: limits that settings are held against. seen: maneuvers that
+    serve to choose. apart: settings of the full vehicle, coarse one first, that serve as reference on other maneuvers
+    than that of the scene, as they are or extrapolated (solver.trade.elsewhere); none: the two finest steps do. falls:
+    what of the band of the reference counts as its error: bands fall with the steps, and that of the finest limit is
+    the next one. stop(): says that runs shall end, by Stopped. kept: whole runs on disk. ledger: what was spent. made:
+    the memory; locks: one for each entry, so that threads wait for what another one makes.
     """
 
     scene: Scene
@@ -109,7 +109,9 @@ def simulation(bench: Bench, v: Variation, setting: Setting) -> Simulation:
         bench.made.setdefault(('start time', setting.model), time.thread_time() - begin)
         return found
 
-    settings = integrator_of(setting.level, dataclasses.replace(bench.scene.integrator, **setting.integrator(bench.scene)))
+    settings = integrator_of(
+        setting.level, dataclasses.replace(bench.scene.integrator, **setting.integrator(bench.scene))
+    )
     each = {field.name: getattr(settings, field.name) for field in dataclasses.fields(settings)}
     return _once(bench, make, 'start', v, setting.model).twin(bench.scene.duration, **each)
 
@@ -131,7 +133,9 @@ def run_of(bench: Bench, v: Variation, setting: Setting) -> Run:
 
     def make() -> Run:
         with bench.ledger.timed():
-            found = run(scene_of(bench, v), setting, bench.names, stop=bench.stop, make=partial(simulation, bench, v, setting))
+            found = run(
+                scene_of(bench, v), setting, bench.names, stop=bench.stop, make=partial(simulation, bench, v, setting)
+            )
         bench.ledger.add(runs=1, steps=int(found.counters.get('steps', 0)))
         bench.kept.put(v, setting, found)
         return found
@@ -154,7 +158,8 @@ def keep(bench: Bench, v: Variation, setting: Setting, found: Run, findings: tup
 
 
 def findings_of(bench: Bench, v: Variation, setting: Setting) -> tuple[Finding, ...]:
-    """The findings that would make this run suspect (solver.analysis.verdict); none of a run that fails. Raises Stopped."""
+    """The findings that would make this run suspect (solver.analysis.verdict); none of a run that fails. Raises
+    Stopped."""
 
     def make() -> tuple[Finding, ...]:
         kept = bench.kept.get(v, setting, judged=True)
@@ -177,8 +182,8 @@ def going_of(bench: Bench, v: Variation, setting: Setting, *, audit: bool = Fals
 
 
 def limit_of(bench: Bench, v: Variation, settings: tuple[Setting, ...]) -> Reference:
-    """The solution of a model that runs with these settings, coarsest step first, are extrapolated to. Raises StepError and
-    Stopped."""
+    """The solution of a model that runs with these settings, coarsest step first, are extrapolated to. Raises StepError
+    and Stopped."""
 
     def make() -> Reference:
         return reference.of_runs(scene_of(bench, v), [run_of(bench, v, one) for one in settings])
@@ -193,15 +198,16 @@ def converging(model: Setting, steps: Sequence[float]) -> tuple[Setting, ...]:
 
 
 def truth_of(bench: Bench, v: Variation) -> Reference:
-    """The converged full vehicle: by all steps on the maneuver of the scene, elsewhere by `apart` or the two finest steps.
-    Raises StepError and Stopped."""
+    """The converged full vehicle: by all steps on the maneuver of the scene, elsewhere by `apart` or the two finest
+    steps. Raises StepError and Stopped."""
     if v == AS_GIVEN:
         return limit_of(bench, v, converging(FULL, bench.steps))
     return limit_of(bench, v, bench.apart or converging(FULL, bench.steps[1:]))
 
 
 def apart_of(bench: Bench, settings: tuple[Setting, ...]) -> dict[str, Departure]:
-    """The errors, on the maneuver of the scene, of what these settings are extrapolated to. Raises StepError and Stopped."""
+    """The errors, on the maneuver of the scene, of what these settings are extrapolated to. Raises StepError and
+    Stopped."""
     return _once(
         bench,
         lambda: truth_of(bench, AS_GIVEN).errors(limit_of(bench, AS_GIVEN, settings).as_run, bench.required),
@@ -210,15 +216,17 @@ def apart_of(bench: Bench, settings: tuple[Setting, ...]) -> dict[str, Departure
 
 
 def second_of(bench: Bench, steps: Sequence[float] = ()) -> dict[str, Departure]:
-    """The distance between the converged full vehicle and the limit of another formulation of it from the same start, with
-    these steps; with its two finest where none are given. Raises StepError and Stopped."""
+    """The distance between the converged full vehicle and the limit of another formulation of it from the same start,
+    with these steps; with its two finest where none are given. Raises StepError and Stopped."""
     settings = tuple(reference.second(reference.with_step(FULL, h)) for h in steps or bench.steps[-2:])
     return truth_of(bench, AS_GIVEN).errors(limit_of(bench, AS_GIVEN, settings).as_run)
 
 
 def own_of(bench: Bench, v: Variation, setting: Setting) -> Reference:
     """The converged level of a setting without what it switches off. Raises StepError and Stopped."""
-    return truth_of(bench, v) if setting.model == FULL.model else limit_of(bench, v, converging(setting, bench.steps[1:]))
+    return (
+        truth_of(bench, v) if setting.model == FULL.model else limit_of(bench, v, converging(setting, bench.steps[1:]))
+    )
 
 
 def settled(setting: Setting) -> Setting:
@@ -229,8 +237,9 @@ def settled(setting: Setting) -> Setting:
 def errors_of(bench: Bench, v: Variation, setting: Setting) -> dict[str, Error]:
     """Errors of a setting by quantity and origin. Raises StepError and Stopped.
 
-    Where subsystems are off it is held against the same setting with all of them: what they change there counts to the model, and the
-    errors of model, step and iteration of that one to its own. So the model without them need not be converged.
+    Where subsystems are off it is held against the same setting with all of them: what they change there counts to the
+    model, and the errors of model, step and iteration of that one to its own. So the model without them need not be
+    converged.
     """
     truth, found = truth_of(bench, v), run_of(bench, v, setting)
     if setting.off:
@@ -252,8 +261,10 @@ def per_step(bench: Bench, setting: Setting) -> cost.PerStep:
 
 
 def cost_of(bench: Bench, setting: Setting, found: Run | None = None) -> float:
-    """CPU seconds per simulated second, by the counters of a run; without one by what its iterations should take. Raises
-    MbdError."""
+    """CPU seconds per simulated second, by the counters of a run; without one by what its iterations should take.
+    Raises MbdError."""
     model = per_step(bench, setting)
-    evaluations = model.expected(setting.iterations or ITERATIONS[-1]) if found is None else found.counters['evaluations']
+    evaluations = (
+        model.expected(setting.iterations or ITERATIONS[-1]) if found is None else found.counters['evaluations']
+    )
     return model.of(setting.h, evaluations)

@@ -28,8 +28,8 @@ from solver.trade.variations import AS_GIVEN, ranges_of
 NO = 'no'
 CERTIFIED, MEASURED, CLOSEST = 'certified', 'measured, not checked elsewhere', 'the closest that was tried'
 UNTRIED, UNREACHED = 'not looked at: what is cheaper keeps everything', 'not looked at'
-# Passes that a certificate rests on at least: of settings that fail on one maneuver in four, one in ten passes eight, and more than half
-# pass two. Ten times as many are dearer than what most plans save.
+# Passes that a certificate rests on at least: of settings that fail on one maneuver in four, one in ten passes eight,
+# and more than half pass two. Ten times as many are dearer than what most plans save.
 LEAST = 8
 DOUBT = 0.05  # probability that the bound of the rate of failures does not hold
 
@@ -37,9 +37,10 @@ DOUBT = 0.05  # probability that the bound of the rate of failures does not hold
 def plan(search: Search) -> dict[str, Any]:
     """Run the search and describe its result.
 
-    `status` is 'ok', 'no' (nothing fits) or 'incomplete' (time was up before anything was found and checked, or there is no maneuver to
-    check it on). Errors are in SI units; `share` is of the limit. `unseen`: different maneuvers that had no part in the choice,
-    and the ranges of what is varied. Raises MbdError where the full vehicle itself cannot be simulated.
+    `status` is 'ok', 'no' (nothing fits) or 'incomplete' (time was up before anything was found and checked, or there
+    is no maneuver to check it on). Errors are in SI units; `share` is of the limit. `unseen`: different maneuvers that
+    had no part in the choice, and the ranges of what is varied. Raises MbdError where the full vehicle itself cannot be
+    simulated.
     """
     best = search.find()
     scene = search.scene
@@ -67,7 +68,9 @@ def plan(search: Search) -> dict[str, Any]:
         data['findings'] = certified(search, best.setting)
     data['errors'] = {} if shown is None else errors(shown)
     data['units'] = (
-        {} if shown is None or not shown.bounds else {name: truth_of(search.bench, AS_GIVEN).quantities[name].unit for name in search.names}
+        {}
+        if shown is None or not shown.bounds
+        else {name: truth_of(search.bench, AS_GIVEN).quantities[name].unit for name in search.names}
     )
     passed, failed = sum(c.passed for c in search.checks), sum(not c.passed for c in search.checks)
     data['unseen'] = {
@@ -83,7 +86,9 @@ def plan(search: Search) -> dict[str, Any]:
         data['status'] = INCOMPLETE
     data['interrupted'] = search.allowance.ended()
     data['first'] = [first(search, answer, shown) for answer in search.answers]
-    data['basis'] = CERTIFIED if data['status'] == OK else None if shown is None else MEASURED if best is not None else CLOSEST
+    data['basis'] = (
+        CERTIFIED if data['status'] == OK else None if shown is None else MEASURED if best is not None else CLOSEST
+    )
     if shown is None and data['status'] == INCOMPLETE and search.answers:
         data |= {name: data['first'][-1][name] for name in ('fidelity', 'settings', 'cost_ratio', 'basis')}
     data['give'] = [] if data['status'] == OK else what_has_to_give(search, shown, slow, data)
@@ -95,9 +100,12 @@ def plan(search: Search) -> dict[str, Any]:
     data['levels'] = {level: search.levels.get(level, untried) or 'kept' for level in search.candidate_levels}
     data['subsystems'] = [influence._asdict() for influence in search.influences]
     data['tried'] = [
-        {'setting': str(t.setting), 'used': t.used, 'cost': t.cost, 'dropped': t.dropped, 'worst': t.worst} for t in search.tried
+        {'setting': str(t.setting), 'used': t.used, 'cost': t.cost, 'dropped': t.dropped, 'worst': t.worst}
+        for t in search.tried
     ]
-    data['checks'] = [{'variation': str(c.variation), 'used': c.used, 'worst': c.worst, 'failure': c.failure} for c in search.checks]
+    data['checks'] = [
+        {'variation': str(c.variation), 'used': c.used, 'worst': c.worst, 'failure': c.failure} for c in search.checks
+    ]
     data['notes'] = search.notes
     data['baseline'] = str(baseline(scene))
     data['key'] = key(scene)
@@ -109,7 +117,8 @@ def plan(search: Search) -> dict[str, Any]:
 
 
 def least_passes(search: Search) -> int:
-    """Unseen maneuvers that a setting has to pass to be certified: LEAST, as far as there are so many and so many are asked for."""
+    """Unseen maneuvers that a setting has to pass to be certified: LEAST, as far as there are so many and so many are
+    asked for."""
     return min(LEAST, search.unseen, max(1, len(search.points(LEAST)) - len(search.unchecked)))
 
 
@@ -129,14 +138,14 @@ def first(search: Search, answer: Answer, shown: Verdict | None) -> dict[str, An
 
 
 def agreed(a: Setting, b: Setting) -> bool:
-    """True where two settings are of one level with one step: iterations, damping and subsystems change costs by some per cent."""
+    """True where two settings are of one level with one step: iterations, damping and subsystems change costs by some
+    per cent."""
     return (a.level, a.h) == (b.level, b.h)
 
 
 def price(search: Search, setting: Setting | None) -> dict[str, Any]:
-    """Price of the plan: what it took, in CPU seconds and full runs, what its runs were made for, and from how many runs on it
-    pays (None: never).
-    `once`: CPU seconds besides, for levels that are derived once for the vehicle."""
+    """Price of the plan: what it took, in CPU seconds and full runs, what its runs were made for, and from how many
+    runs on it pays (None: never). `once`: CPU seconds besides, for levels that are derived once for the vehicle."""
     cpu, full_run, saves = search.allowance.cpu, search.allowance.full_run, 0.0
     if not math.isfinite(full_run):
         full_run = math.nan
@@ -156,8 +165,8 @@ def price(search: Search, setting: Setting | None) -> dict[str, Any]:
 
 
 def least_speed(scene: Scene) -> tuple[float, str]:
-    """(simulated seconds per second that are asked for at least, by what): by the budget, or of every run, which is no faster than its
-    steps are. 0 where nothing asks."""
+    """(simulated seconds per second that are asked for at least, by what): by the budget, or of every run, which is no
+    faster than its steps are. 0 where nothing asks."""
     asked = {
         'the budget': scene.budget.real_time_factor,
         'require.real_time_factor_min': scene.require.limits.get(REAL_TIME_FACTOR_MIN.require),
@@ -170,7 +179,12 @@ def certified(search: Search, setting: Setting) -> list[dict[str, Any]]:
     choose and of those that were passed. The note on each says what that means for a run; another one says what makes a
     run suspect all the same."""
     maneuvers = [*search.bench.seen, *(c.variation for c in search.checks if c.passed)]
-    found = [finding for v in maneuvers for finding in findings_of(search.bench, v, setting) if finding.quantity not in search.coarse]
+    found = [
+        finding
+        for v in maneuvers
+        for finding in findings_of(search.bench, v, setting)
+        if finding.quantity not in search.coarse
+    ]
     names = ', '.join(search.names)
     for finding in findings_of(search.bench, AS_GIVEN, setting):
         if is_of_scene(finding) or finding.quantity in search.coarse:
@@ -179,7 +193,8 @@ def certified(search: Search, setting: Setting) -> list[dict[str, Any]]:
             search.notes.append(finding.covered_for(names))
     for finding in search.coarse.values():
         search.notes.append(
-            f'not covered by the certificate, for the reference itself ({1e3 * search.bench.steps[-1]:g} ms) has it: {finding.text}'
+            f'not covered by the certificate, for the reference itself ({1e3 * search.bench.steps[-1]:g} ms) has it: '
+            f'{finding.text}'
         )
     return [asdict(one) for one in certified_of(found)]
 
@@ -190,13 +205,14 @@ def still(search: Search) -> list[str]:
     shares = dict.fromkeys(r.quantity for r in search.bench.requirements if r.share)
     found = [(name, truth.quantities[name]) for name in shares if truth.peaks[name] <= truth.quantities[name].least]
     return [
-        f'{name} does not get beyond {q.least:g} {q.unit} in the maneuver of the scene; its percentages are of that' for name, q in found
+        f'{name} does not get beyond {q.least:g} {q.unit} in the maneuver of the scene; its percentages are of that'
+        for name, q in found
     ]
 
 
 def idle(search: Search) -> list[str]:
-    """Limits as large as all that there is on the maneuver of the scene, which a run keeps that has nothing of it, in words: a bare
-    number is in SI units, and 2 is not 2 %."""
+    """Limits as large as all that there is on the maneuver of the scene, which a run keeps that has nothing of it, in
+    words: a bare number is in SI units, and 2 is not 2 %."""
     truth, found = truth_of(search.bench, AS_GIVEN), []
     for r in search.bench.requirements:
         delay, q = r.measure == 'delay', truth.quantities[r.quantity]
@@ -215,12 +231,18 @@ def errors(verdict: Verdict) -> dict[str, dict[str, Any]]:
     for bound in verdict.bounds.values():
         r = bound.requirement
         parts = dict(zip(ORIGINS, bound.parts, strict=True))
-        found.setdefault(r.quantity, {})[r.measure] = {**parts, 'sum': sum(bound.parts), 'limit': bound.limit, 'share': bound.used}
+        found.setdefault(r.quantity, {})[r.measure] = {
+            **parts,
+            'sum': sum(bound.parts),
+            'limit': bound.limit,
+            'share': bound.used,
+        }
     return found
 
 
 def reference_of(search: Search) -> dict[str, Any]:
-    """The way in which the converged full vehicle was found and confirmed: RMS errors as shares of the peak by quantity."""
+    """The way in which the converged full vehicle was found and confirmed: RMS errors as shares of the peak by
+    quantity."""
     try:
         truth = truth_of(search.bench, AS_GIVEN)
     except (MbdError, Stopped):
@@ -232,8 +254,9 @@ def reference_of(search: Search) -> dict[str, Any]:
 
 
 def envelope_of(search: Search) -> list[dict[str, Any]]:
-    """The ranges of the maneuvers that were passed: by quantity, of all wheels together, the smallest and the largest value of the full
-    vehicle and of the setting that was found. So a run of what is certified does not leave its own certificate."""
+    """The ranges of the maneuvers that were passed: by quantity, of all wheels together, the smallest and the largest
+    value of the full vehicle and of the setting that was found. So a run of what is certified does not leave its own
+    certificate."""
     found: dict[str, tuple[str, float, float]] = {}
     bench = search.bench if search.result is None else search.judged_by(search.result.setting, SMALL_THERE)
     for v in [*bench.seen, *(c.variation for c in search.checks if c.passed)]:
@@ -255,17 +278,27 @@ def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: 
     if closest is None:
         if data['status'] == INCOMPLETE and search.answers:
             answer = search.answers[-1]
-            return [f'{answer.setting} is what was known by then, from the {answer.basis} ({answer.why}); nothing of it is checked']
+            return [
+                f'{answer.setting} is what was known by then, from the {answer.basis} ({answer.why}); nothing of it is '
+                'checked'
+            ]
         return [*search.notes, 'no setting could be tried'] if not search.notes else search.notes
     if slow:
         (factor, who), found = least_speed(search.scene), data['cost']['real_time_factor']
         best = nearest(t for t in search.tried if t.cost > 0.0 and 1.0 / t.cost >= factor)
-        sentences = [f'{closest.setting} keeps the accuracy, steps alone at {found:.3g} times real time; {who} asks for {factor:g}']
+        sentences = [
+            f'{closest.setting} keeps the accuracy, steps alone at {found:.3g} times real time; {who} asks for '
+            f'{factor:g}'
+        ]
         if best is not None:
             sentences.append(f'of what is as fast {best.setting} comes closest: {how_near(best)}')
         return sentences
     if data['status'] == INCOMPLETE and search.result is not None:
-        why = 'there was no time to check it on others' if search.points(1) else 'nothing in the scene can be varied to check it on others'
+        why = (
+            'there was no time to check it on others'
+            if search.points(1)
+            else 'nothing in the scene can be varied to check it on others'
+        )
         if passed := len(search.checks):
             why = f'it passed {passed} others, too few for a certificate, which takes {least_passes(search)}'
         elif search.unchecked:
@@ -283,7 +316,8 @@ def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: 
         if bound.used > 1.0:
             largest = max(zip(bound.parts, ORIGINS, strict=True))
             sentences.append(
-                f'{bound.requirement}: the limit would have to be {bound.used:.3g} times as large; most of it is error of the {largest[1]}'
+                f'{bound.requirement}: the limit would have to be {bound.used:.3g} times as large; most of it is error '
+                f'of the {largest[1]}'
             )
     needed = max(closest.used, closest.error / (1.0 - MARGIN))
     if len(sentences) == 1 and math.isfinite(needed) and needed > 1.0:

@@ -1,10 +1,12 @@
 """The cost of a setting: CPU time of one core per simulated second, and the counters that explain it.
 
-Counters are exact; times are measured, one setting at a time while nothing else runs here. For choosing, the cost of a setting is
+Counters are exact; times are measured, one setting at a time while nothing else runs here. For choosing, the cost of a
+setting is
 
     (steps per second) (a + b evaluations per step)
 
-with a and b measured once for a model (level and switches) and kept, so that a choice does not flip with the noise of the clock.
+with a and b measured once for a model (level and switches) and kept, so that a choice does not flip with the noise of
+the clock.
 """
 
 from __future__ import annotations
@@ -34,14 +36,16 @@ SHORTER = 5  # times that it is halved: as far as steps of a reference go
 
 
 class Cost(NamedTuple):
-    """CPU seconds of one core per simulated second: median and 99th percentile over pieces of PIECE simulated seconds."""
+    """CPU seconds of one core per simulated second: median and 99th percentile over pieces of PIECE simulated
+    seconds."""
 
     median: float
     p99: float
 
 
 class PerStep(NamedTuple):
-    """CPU time of a step [s]: fixed + evaluation * evaluations. Evaluations in a step with one and with three iterations."""
+    """CPU time of a step [s]: fixed + evaluation * evaluations. Evaluations in a step with one and with three
+    iterations."""
 
     fixed: float
     evaluation: float
@@ -58,7 +62,8 @@ class PerStep(NamedTuple):
 
 
 def measured(scene: Scene, setting: Setting, *, seconds: float = 2.0, rounds: int = ROUNDS) -> Cost:
-    """The cost of a setting over the scene's first `seconds` of simulated time, the best of several rounds piece by piece.
+    """The cost of a setting over the scene's first `seconds` of simulated time, the best of several rounds piece by
+    piece.
 
     Raises MbdError when the run fails.
     """
@@ -68,7 +73,8 @@ def measured(scene: Scene, setting: Setting, *, seconds: float = 2.0, rounds: in
 def compared(
     scene: Scene, settings: Sequence[Setting], *, seconds: float = 2.0, rounds: int = ROUNDS, make: Make | None = None
 ) -> list[Cost]:
-    """The costs of settings as of measured(), their rounds in turn: a time in which the machine is slow is one of all of them.
+    """The costs of settings as of measured(), their rounds in turn: a time in which the machine is slow is one of all
+    of them.
 
     make: the simulation of a setting, where somebody knows its start already. Raises MbdError when a run fails.
     """
@@ -104,8 +110,9 @@ def size(s: Simulation) -> tuple[int, ...]:
 
 
 def per_step(scene: Scene, setting: Setting, h: float = PROBED, *, make: Make | None = None) -> PerStep:
-    """Time of a step and of an evaluation of a model, by timing steps of h [s] with one and with three iterations. Steps are no longer
-    than the scene. Where such a run fails they are shorter, up to SHORTER times. make: as compared() takes it. Raises MbdError."""
+    """Time of a step and of an evaluation of a model, by timing steps of h [s] with one and with three iterations.
+    Steps are no longer than the scene. Where such a run fails they are shorter, up to SHORTER times. make: as
+    compared() takes it. Raises MbdError."""
     h = min(h, scene.duration)
     for k in range(SHORTER):
         try:

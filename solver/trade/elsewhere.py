@@ -1,9 +1,10 @@
-"""References on other maneuvers than that of the scene: the cheapest runs of the full vehicle whose error, measured on the
-maneuver of the scene, is a small share of every limit.
+"""References on other maneuvers than that of the scene: the cheapest runs of the full vehicle whose error, measured on
+the maneuver of the scene, is a small share of every limit.
 
-The converged limit of three steps would be far better than its purpose needs: what is judged there is held against limits
-that are twenty times as wide. A reference is one run with two iterations, or a pair that is extrapolated. For a setting of
-the full vehicle itself its step is half of that of the setting at most: held against itself it would be right.
+The converged limit of three steps would be far better than its purpose needs: what is judged there is held against
+limits that are twenty times as wide. A reference is one run with two iterations, or a pair that is extrapolated. For a
+setting of the full vehicle itself its step is half of that of the setting at most: held against itself it would be
+right.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from solver.trade.judging import ELSEWHERE, limits_of
 from solver.trade.setting import Setting
 from solver.trade.variations import AS_GIVEN, Variation
 
-# Of a limit that the error of a reference elsewhere, times ELSEWHERE, may take. Ten times as much would leave settings half
-# of what they are allowed; a tenth would need the converged limit for limits of 1 %.
+# Of a limit that the error of a reference elsewhere, times ELSEWHERE, may take. Ten times as much would leave settings
+# half of what they are allowed; a tenth would need the converged limit for limits of 1 %.
 SMALL = 0.05
 SMALL_THERE = 0.1  # the same where a setting is checked only: there its error counts, not a bound of it
 ITERATIONS = 2
@@ -37,15 +38,17 @@ def options(steps: Sequence[float]) -> list[Apart]:
 
 
 def chosen(bench: Bench, setting: Setting, small: float = SMALL) -> Apart:
-    """The cheapest reference for maneuvers on which a setting is judged; () is that of the two finest steps, iterated to tolerance
-    (Bench.apart). small: share of a limit that its error may take. Raises Stopped."""
+    """The cheapest reference for maneuvers on which a setting is judged; () is that of the two finest steps, iterated
+    to tolerance (Bench.apart). small: share of a limit that its error may take. Raises Stopped."""
     most = FINER * setting.h if setting.model[0] == FULL.level else bench.steps[0]
-    return next((option for option in options(bench.steps) if option[-1].h <= most and _is_good(bench, option, small)), ())
+    return next(
+        (option for option in options(bench.steps) if option[-1].h <= most and _is_good(bench, option, small)), ()
+    )
 
 
 def _is_good(bench: Bench, option: Apart, small: float) -> bool:
-    """True where its error is small, also, and known at once, that of the same steps iterated to tolerance; and where its runs resolve
-    what those of the reference resolve."""
+    """True where its error is small, also, and known at once, that of the same steps iterated to tolerance; and where
+    its runs resolve what those of the reference resolve."""
     if not _is_near(bench, converging(FULL, [one.h for one in option]), small):
         return False
     findings = unresolved(bench, AS_GIVEN, option[-1])  # makes the run that the next line needs
@@ -63,6 +66,6 @@ def _is_near(bench: Bench, option: Apart, small: float) -> bool:
 
 
 def unresolved(bench: Bench, v: Variation, setting: Setting) -> list[Finding]:
-    """Findings of a run of the reference that it does not resolve: steps that all damp a vibration away agree on a motion
-    without it."""
+    """Findings of a run of the reference that it does not resolve: steps that all damp a vibration away agree on a
+    motion without it."""
     return [f for f in findings_of(bench, v, setting) if BY_NAME[f.quantity].unresolved and not f.required]

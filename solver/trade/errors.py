@@ -31,13 +31,15 @@ class Error(NamedTuple):
     iteration: Departure
 
 
-def by_origin(truth: Reference, own: Reference, settled: Run, found: Run, names: Collection[str] | None = None) -> dict[str, Error]:
+def by_origin(
+    truth: Reference, own: Reference, settled: Run, found: Run, names: Collection[str] | None = None
+) -> dict[str, Error]:
     """The errors of the run `found` by quantity.
 
     truth: limit of the full vehicle. own: limit of the level of the run, `truth` itself where that is the full vehicle.
-    settled: the run iterated to tolerance, `found` itself where it was. names: of the quantities that are looked at, None:
-    all. By the triangle inequality the parts add up to no less than the whole whatever `own` is, also where it is not
-    converged: what it lacks is then part of the model's error.
+    settled: the run iterated to tolerance, `found` itself where it was. names: of the quantities that are looked at,
+    None: all. By the triangle inequality the parts add up to no less than the whole whatever `own` is, also where it is
+    not converged: what it lacks is then part of the model's error.
     """
     whole, step = truth.errors(found, names), own.errors(settled, names)
     none = {name: Departure(0.0, 0.0, peak, 0.0) for name, peak in truth.peaks.items()}
@@ -54,7 +56,10 @@ def without(truth: Reference, errors: dict[str, Error], with_all: Run, found: Ru
     """The errors of the run `found` without some subsystems, from those of the run `with_all` of the same setting."""
     whole = truth.errors(found, errors)
     between = departures(found, with_all.time, with_all.curves, truth.quantities, truth.peaks, errors)
-    return {name: Error(whole[name], added(error.model, between[name]), error.step, error.iteration) for name, error in errors.items()}
+    return {
+        name: Error(whole[name], added(error.model, between[name]), error.step, error.iteration)
+        for name, error in errors.items()
+    }
 
 
 def added(a: Departure, b: Departure) -> Departure:
@@ -75,7 +80,8 @@ class Requirement(NamedTuple):
         return self.value * peak if self.share else self.value
 
     def error(self, d: Departure) -> float:
-        """The error that is limited. Where nothing changes that could come late there is no delay when curves lie close to each other."""
+        """The error that is limited. Where nothing changes that could come late there is no delay when curves lie close
+        to each other."""
         if self.measure != 'delay':
             return float(getattr(d, self.measure))
         if math.isnan(d.delay):
@@ -88,7 +94,11 @@ class Requirement(NamedTuple):
 
 def requirements(scene: Scene) -> tuple[Requirement, ...]:
     """All limits of errors that a scene requires."""
-    return tuple(Requirement(name, m, b.value, b.share) for name, a in scene.require.accuracy.items() for m, b in a.bounds.items())
+    return tuple(
+        Requirement(name, m, b.value, b.share)
+        for name, a in scene.require.accuracy.items()
+        for m, b in a.bounds.items()
+    )
 
 
 class Bound(NamedTuple):
@@ -102,7 +112,9 @@ class Bound(NamedTuple):
     @classmethod
     def of(cls, r: Requirement, error: Error, band: float, limit: float) -> Bound:
         """band: of the converged full vehicle, in the unit of the error."""
-        return cls(r, r.error(error.whole), (r.error(error.model), r.error(error.step), r.error(error.iteration), band), limit)
+        return cls(
+            r, r.error(error.whole), (r.error(error.model), r.error(error.step), r.error(error.iteration), band), limit
+        )
 
     @property
     def used(self) -> float:

@@ -1,9 +1,9 @@
 """First answers: what a plan would choose by what is known before it has made its runs.
 
-Before any run: the cheapest setting that kept the limits on an earlier maneuver of this vehicle (solver.trade.knowledge), or
-the rule of thumb of docs/accuracy.md. After some tenths of a full run: the full vehicle with two coarse steps, one twice the
-other, from which its limit and the error of its step are estimated, and coarse runs of its levels held against that limit.
-None of these is certified.
+Before any run: the cheapest setting that kept the limits on an earlier maneuver of this vehicle
+(solver.trade.knowledge), or the rule of thumb of docs/accuracy.md. After some tenths of a full run: the full vehicle
+with two coarse steps, one twice the other, from which its limit and the error of its step are estimated, and coarse
+runs of its levels held against that limit. None of these is certified.
 """
 
 from __future__ import annotations
@@ -23,17 +23,19 @@ from solver.trade.setting import ITERATIONS, Setting
 from solver.trade.variations import AS_GIVEN
 
 RULE, EARLIER, TWIN = 'rule of thumb', 'earlier plans of this vehicle', 'coarse twin'
-# Of a limit that an error may take which is not known on this maneuver, or only estimated. Ten times less would answer with
-# the full vehicle wherever limits are tight.
+# Of a limit that an error may take which is not known on this maneuver, or only estimated. Ten times less would answer
+# with the full vehicle wherever limits are tight.
 KEPT = 0.8
-TWINS = ((8e-3, 4e-3), (4e-3, 2e-3), (2e-3, 1e-3), (5e-4, 2.5e-4))  # s, of the full vehicle: the first pair that survives the maneuver
+# s, of the full vehicle: the first pair that survives the maneuver
+TWINS = ((8e-3, 4e-3), (4e-3, 2e-3), (2e-3, 1e-3), (5e-4, 2.5e-4))
 STEPS = (0.02, 0.01, 0.005)  # s, of the levels
 DOWN = (0.02, 0.01, 0.008, 0.005, 0.004, 0.003, 0.002, 0.001, 0.0005, 0.00025, 0.000125)  # s, of the full vehicle
 
 
 class Answer(NamedTuple):
-    """A setting that should do. cost: relative to the full vehicle at 1 ms. basis: RULE, EARLIER or TWIN. why: a sentence. after: seconds
-    since the plan began. used: largest share of a limit that its errors are estimated to take, not a number where nothing is."""
+    """A setting that should do. cost: relative to the full vehicle at 1 ms. basis: RULE, EARLIER or TWIN. why: a
+    sentence. after: seconds since the plan began. used: largest share of a limit that its errors are estimated to take,
+    not a number where nothing is."""
 
     setting: Setting
     cost: float
@@ -44,7 +46,8 @@ class Answer(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """A wish that docs/accuracy.md has measured, and the dearest of the settings that were the cheapest to keep it there."""
+    """A wish that docs/accuracy.md has measured, and the dearest of the settings that were the cheapest to keep it
+    there."""
 
     quantity: str  # or its head, of those that there are by wheel
     measure: str
@@ -54,12 +57,19 @@ class Rule(NamedTuple):
     cost: float
 
 
-# The rule of thumb of docs/accuracy.md: of every line of its table the dearest setting, which does on all scenes. Lines with a
-# scene that no setting does for are left out. (test/trade/test_first.py reads the page.)
+# The rule of thumb of docs/accuracy.md: of every line of its table the dearest setting, which does on all scenes. Lines
+# with a scene that no setting does for are left out. (test/trade/test_first.py reads the page.)
 RULES = (
     Rule('yaw_rate', 'rms', 0.05, True, Setting(level='condensed', h=8e-3, iterations=2), 0.065),
     Rule('yaw_rate', 'rms', 0.01, True, Setting(h=4e-3, iterations=2), 0.25),
-    Rule('sideslip_velocity', 'rms', 0.01, True, Setting(level='condensed', off=('subframes',), h=2e-3, iterations=2), 0.18),
+    Rule(
+        'sideslip_velocity',
+        'rms',
+        0.01,
+        True,
+        Setting(level='condensed', off=('subframes',), h=2e-3, iterations=2),
+        0.18,
+    ),
     Rule('roll', 'rms', 0.01, True, Setting(level='kc', h=5e-3, tolerance=1e-4), 0.057),
     Rule('wheel_load', 'rms', 0.01, True, Setting(level='kc', h=4e-3, iterations=1, rho_inf=0.5), 0.051),
     Rule('wheel_load', 'rms', 0.001, True, Setting(h=2e-3, iterations=1), 0.39),
@@ -73,7 +83,10 @@ def before_runs(bench: Bench, knowledge: Knowledge) -> Answer:
     kind = maneuver_of(bench.scene)
     for setting, cost, seen in knowledge.errors(kind):
         if keeps(bench.requirements, seen, KEPT):
-            where = f'on {len(seen)} maneuver{"s" * (len(seen) > 1)}{" of this kind" if knowledge.of_kind(kind) else " of other kinds"}'
+            where = (
+                f'on {len(seen)} '
+                f'maneuver{"s" * (len(seen) > 1)}{" of this kind" if knowledge.of_kind(kind) else " of other kinds"}'
+            )
             return Answer(setting, cost, EARLIER, f'it kept these limits {where}')
     if not bench.scene.model.tires:
         return Answer(OTHERWISE, 1.0, RULE, 'a mechanism has no levels of detail')
@@ -93,8 +106,8 @@ def rule_for(r: Requirement) -> Rule | None:
 
 
 def by_twin(bench: Bench, levels: Sequence[str], say: Callable[[str], None]) -> Answer | None:
-    """The answer of coarse runs, on the maneuver of the scene alone; None where the full vehicle survives no pair of them. levels: that are
-    asked, cheapest first. Raises Stopped."""
+    """The answer of coarse runs, on the maneuver of the scene alone; None where the full vehicle survives no pair of
+    them. levels: that are asked, cheapest first. Raises Stopped."""
     pair = _pair(bench, say)
     if pair is None:
         return None
@@ -102,7 +115,8 @@ def by_twin(bench: Bench, levels: Sequence[str], say: Callable[[str], None]) -> 
     limits = {r: r.limit(limit.peaks[r.quantity]) for r in bench.requirements}
     own = limit.errors(run_of(bench, AS_GIVEN, fine), bench.required)
     step = {r: r.error(own[r.quantity]) for r in bench.requirements}
-    uncertain = {r: step[r] / 4.0 for r in limits}  # of the extrapolated limit: of higher order than the error of the finer run
+    # of the extrapolated limit: of higher order than the error of the finer run
+    uncertain = {r: step[r] / 4.0 for r in limits}
     for level in levels:
         base = Setting(level=level)  # type: ignore[arg-type]
         try:
@@ -113,7 +127,13 @@ def by_twin(bench: Bench, levels: Sequence[str], say: Callable[[str], None]) -> 
                 errors = limit.errors(run_of(bench, AS_GIVEN, setting), bench.required)
                 used = largest({r: (r.error(errors[r.quantity]) + uncertain[r]) / limits[r] for r in limits})[1]
                 if used <= KEPT:
-                    return Answer(setting, _relative(bench, setting), TWIN, 'held against the full vehicle with coarse steps', used=used)
+                    return Answer(
+                        setting,
+                        _relative(bench, setting),
+                        TWIN,
+                        'held against the full vehicle with coarse steps',
+                        used=used,
+                    )
         except MbdError:
             continue
     power = reference.order(bench.scene)

@@ -37,9 +37,9 @@ def influences(
 ) -> Iterator[Influence]:
     """The influence of each subsystem on these quantities, alone, in the setting `base`.
 
-    known: cost of a step by subsystem, relative to before, as it was measured earlier on this vehicle. What takes no body,
-    joint or height grid out of the model saves less than the clock sees, and no level is derived without it. Only what
-    brings the cost below `saves` is run. Raises StepError and Stopped.
+    known: cost of a step by subsystem, relative to before, as it was measured earlier on this vehicle. What takes no
+    body, joint or height grid out of the model saves less than the clock sees, and no level is derived without it. Only
+    what brings the cost below `saves` is run. Raises StepError and Stopped.
     """
     whole, reduced = bench.scene.model, simulation(bench, AS_GIVEN, base).scene.model
     before, truth = run_of(bench, AS_GIVEN, base), truth_of(bench, AS_GIVEN)
@@ -55,7 +55,11 @@ def influences(
         setting = dataclasses.replace(base, off=(subsystem,))
         try:
             share = known.get(subsystem, 1.0)
-            if subsystem not in known and derived(bench, setting) and cost.size(simulation(bench, AS_GIVEN, setting)) != size:
+            if (
+                subsystem not in known
+                and derived(bench, setting)
+                and cost.size(simulation(bench, AS_GIVEN, setting)) != size
+            ):
                 share = per_step(bench, setting).of(1.0, evaluations) / per_step(bench, base).of(1.0, evaluations)
         except MbdError as error:
             yield Influence(subsystem, {}, 1.0, str(error))
@@ -69,6 +73,7 @@ def influences(
 
 
 def _is_there(whole: ModelSpec, without: ModelSpec, reduced: ModelSpec) -> bool:
-    """True where a reduced model still has a body, a joint or a height grid of the subsystem that a vehicle is `without`."""
+    """True where a reduced model still has a body, a joint or a height grid of the subsystem that a vehicle is
+    `without`."""
     gone = {name for name in {*channels(whole)} - {*channels(without)} if name.startswith(('body ', 'joint '))}
     return bool(gone & {*channels(reduced)}) or len(without.road.grids) < len(reduced.road.grids)

@@ -35,8 +35,8 @@ from solver.trade.setting import Setting
 from solver.trade.variations import AS_GIVEN, Variation
 
 MARGIN = 0.1  # of every limit that the error itself leaves free
-# Error of a reference on another maneuver over that on the one of the scene, as shares of the peak: speeds, amplitudes and friction
-# are at most a tenth apart. Ten times as much would need references as dear as that of the scene.
+# Error of a reference on another maneuver over that on the one of the scene, as shares of the peak: speeds, amplitudes
+# and friction are at most a tenth apart. Ten times as much would need references as dear as that of the scene.
 ELSEWHERE = 2.0
 PARTS = (0.25, 0.5, 1.0)  # of the maneuver, in the race
 EVERY_STEP = tuple(4.0 * STEPS[0] / 2**k for k in range(8))  # s, that a reference may have been tried with
@@ -44,7 +44,8 @@ NO_TRUTH = 'the reference: '  # how the failure of a check begins where the full
 
 
 class Verdict(NamedTuple):
-    """A setting that was tried: the largest share of a limit that its bounds use so far, its cost, why it was dropped ('': it passes)."""
+    """A setting that was tried: the largest share of a limit that its bounds use so far, its cost, why it was dropped
+    ('': it passes)."""
 
     setting: Setting
     used: float
@@ -76,8 +77,8 @@ class Check(NamedTuple):
 
 
 def nearest(tried: Iterable[Verdict]) -> Verdict | None:
-    """The setting nearest to the limits among those that were tried, None of none. Errors grow, so those count that kept
-    the limits longest."""
+    """The setting nearest to the limits among those that were tried, None of none. Errors grow, so those count that
+    kept the limits longest."""
     finite = (t for t in tried if math.isfinite(t.used))
     return min(finite, key=lambda t: (-t.part, t.used, t.cost), default=None)
 
@@ -88,9 +89,9 @@ def largest(shares: dict[Requirement, float]) -> tuple[Requirement, float]:
 
 
 def bands_of(bench: Bench, v: Variation) -> dict[Requirement, float]:
-    """Band of the converged full vehicle, in the unit of the error, as a share of the peak what it is on the maneuver of the scene. On
-    others the error counts besides that the reference there (Bench.apart) makes on that one, ELSEWHERE times. A delay has nothing to do
-    with how large the peak is."""
+    """Band of the converged full vehicle, in the unit of the error, as a share of the peak what it is on the maneuver
+    of the scene. On others the error counts besides that the reference there (Bench.apart) makes on that one, ELSEWHERE
+    times. A delay has nothing to do with how large the peak is."""
     given, peaks = truth_of(bench, AS_GIVEN), truth_of(bench, v).peaks
     parts = [(bench.falls, given.band)]
     if v != AS_GIVEN and bench.apart:
@@ -139,7 +140,8 @@ def shares(bench: Bench, v: Variation, errors: dict[Requirement, float]) -> dict
 
 
 def race(bench: Bench, setting: Setting) -> tuple[str, float, float]:
-    """(why a setting is out, '' if it is not; largest share of a limit; part) on growing parts of the scene's own maneuver.
+    """(why a setting is out, '' if it is not; largest share of a limit; part) on growing parts of the scene's own
+    maneuver.
 
     The largest error so far and the integral of its square only grow, so what is too large after a part stays so.
     """
@@ -151,7 +153,8 @@ def race(bench: Bench, setting: Setting) -> tuple[str, float, float]:
 
 
 def _race(bench: Bench, setting: Setting) -> tuple[str, float, float]:
-    """As race(). The whole error comes first, which no converged level is needed for: it is no larger than the sum of its parts."""
+    """As race(). The whole error comes first, which no converged level is needed for: it is no larger than the sum of
+    its parts."""
     truth, there = truth_of(bench, AS_GIVEN), known(bench, AS_GIVEN, setting)
     if not there and (why := _step_alone(bench, setting)):
         return why
@@ -188,7 +191,9 @@ def _race(bench: Bench, setting: Setting) -> tuple[str, float, float]:
 
 def _step_alone(bench: Bench, setting: Setting) -> tuple[str, float, float] | None:
     """As race() says it of a setting whose step is too long with any number of iterations, as far as that is known."""
-    if setting.off or (setting.model != FULL.model and ('limit', AS_GIVEN, converging(setting, bench.steps[1:])) not in bench.made):
+    if setting.off or (
+        setting.model != FULL.model and ('limit', AS_GIVEN, converging(setting, bench.steps[1:])) not in bench.made
+    ):
         return None
     own, model = own_of(bench, AS_GIVEN, setting), model_error(bench, AS_GIVEN, setting)
     for h in sorted(h for h in {*EVERY_STEP, *bench.steps, setting.h} if h <= setting.h):

@@ -1,8 +1,9 @@
-"""Runs of plans on disk, so that one that was interrupted, or whose time was up, goes on where it was, and one that requires
-something else of the same scene begins with what is there.
+"""Runs of plans on disk, so that one that was interrupted, or whose time was up, goes on where it was, and one that
+requires something else of the same scene begins with what is there.
 
-A file holds one run. It is named after the scene, the sources of the solver, the maneuver and the setting, so nothing in it can
-be out of date; the bits of a run do not depend on when it was made. Where nothing can be written every run is made anew.
+A file holds one run. It is named after the scene, the sources of the solver, the maneuver and the setting, so nothing
+in it can be out of date; the bits of a run do not depend on when it was made. Where nothing can be written every run is
+made anew.
 """
 
 from __future__ import annotations
@@ -31,8 +32,9 @@ TIME, TOLD, CURVE = 'time', 'told', 'curve '
 
 
 class KeptRuns:
-    """The whole runs of a scene, whatever is required of it. directory: none keeps nothing; what nobody uses is removed from it. subject:
-    says all that a run depends on besides maneuver and setting (runs_of). names: of the quantities that runs are seen through."""
+    """The whole runs of a scene, whatever is required of it. directory: none keeps nothing; what nobody uses is removed
+    from it. subject: says all that a run depends on besides maneuver and setting (runs_of). names: of the quantities
+    that runs are seen through."""
 
     def __init__(self, directory: Path | None, subject: str, names: Sequence[str]) -> None:
         self._store = None if directory is None else Store(directory, bounded=True)
@@ -72,8 +74,8 @@ class KeptRuns:
 
 
 def runs_of(scene: Scene) -> str:
-    """Digest of all that runs of a scene, and the findings on them, depend on besides maneuver and setting: everything that
-    a plan depends on but the errors that are allowed."""
+    """Digest of all that runs of a scene, and the findings on them, depend on besides maneuver and setting: everything
+    that a plan depends on but the errors that are allowed."""
     return key(dataclasses.replace(scene, require=dataclasses.replace(scene.require, accuracy={}), budget=Budget()))
 
 

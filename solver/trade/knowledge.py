@@ -1,8 +1,10 @@
-"""Knowledge of a vehicle that its plans share: costs of a step, what subsystems save, and errors of settings by maneuver.
+"""Knowledge of a vehicle that its plans share: costs of a step, what subsystems save, and errors of settings by
+maneuver.
 
-It is kept in the store of everything that is kept, under the vehicle and the sources of the program: another vehicle, or
-another program, knows nothing of it, so nothing in it is out of date. Costs belong to the processor besides. What errors
-were on one maneuver proves nothing for the next: it gives first answers and an order, and decides nothing that is certified.
+It is kept in the store of everything that is kept, under the vehicle and the sources of the program: another vehicle,
+or another program, knows nothing of it, so nothing in it is out of date. Costs belong to the processor besides. What
+errors were on one maneuver proves nothing for the next: it gives first answers and an order, and decides nothing that
+is certified.
 """
 
 from __future__ import annotations
@@ -26,7 +28,15 @@ from solver.trade.errors import Requirement
 from solver.trade.setting import Setting, baseline
 from solver.trade.variations import AS_GIVEN
 
-CHOSEN: dict[str, Any] = {'kind': 'alf', 'h': 1e-3, 'rho_inf': 0.8, 'mode': 'fixed', 'iterations': 1, 'tolerance': 1e-8, 'order': 2}
+CHOSEN: dict[str, Any] = {
+    'kind': 'alf',
+    'h': 1e-3,
+    'rho_inf': 0.8,
+    'mode': 'fixed',
+    'iterations': 1,
+    'tolerance': 1e-8,
+    'order': 2,
+}
 LEARNED = 12  # runs whose errors a plan leaves, the coarsest
 MOST = 400  # entries of errors that are kept, the youngest; ten times as many would take longer to read than they save
 Errors = dict[str, dict[str, float]]  # quantity -> max, rms (in its unit) and peak
@@ -39,7 +49,8 @@ class Knowledge:
         self._store = None if directory is None else Store(directory, bounded=True)
         self._name = f'{digest(sources(), *map(repr, _vehicle(scene))).hex()}.json'
         even = '' if not scene.model.road.grids else ', uneven road'
-        self.machine = f'{processor()}{even}{", a call a step" if scene.maneuver.closed_loop else ""}'  # what a step costs depends on
+        # what a step costs depends on
+        self.machine = f'{processor()}{even}{", a call a step" if scene.maneuver.closed_loop else ""}'
         self._data = self._read()
 
     def _read(self) -> dict[str, Any]:
@@ -62,7 +73,8 @@ class Knowledge:
         return {_model(name): PerStep(*price) for name, price in found.items()}
 
     def saved(self, base: Setting, evaluations: float) -> dict[str, float]:
-        """Subsystem -> cost of a step of the level of `base` without it, relative to that with it, so far as it is known."""
+        """Subsystem -> cost of a step of the level of `base` without it, relative to that with it, so far as it is
+        known."""
         prices = self.prices()
         whole = prices.get((base.level, ()))
         if whole is None:
@@ -71,8 +83,8 @@ class Knowledge:
         return {name: price.of(1.0, evaluations) / whole.of(1.0, evaluations) for name, price in alone.items()}
 
     def errors(self, maneuver: str) -> list[tuple[Setting, float, list[Errors]]]:
-        """(setting, its cost relative to the full vehicle, its errors on every maneuver), cheapest first: of maneuvers of this kind, of all
-        where there is none of it."""
+        """(setting, its cost relative to the full vehicle, its errors on every maneuver), cheapest first: of maneuvers
+        of this kind, of all where there is none of it."""
         there = [e for e in self._data['errors'] if e['maneuver'] == maneuver] or self._data['errors']
         found: dict[Setting, tuple[float, list[Errors]]] = {}
         for entry in there:
@@ -85,8 +97,8 @@ class Knowledge:
         return any(entry['maneuver'] == maneuver for entry in self._data['errors'])
 
     def learn_from(self, bench: Bench, shown: Collection[str]) -> None:
-        """Add what a plan has measured to what is kept by now: costs, levels, and the errors of coarse runs in the quantities `shown`.
-        Nothing is kept where nothing can be written."""
+        """Add what a plan has measured to what is kept by now: costs, levels, and the errors of coarse runs in the
+        quantities `shown`. Nothing is kept where nothing can be written."""
         if self._store is None:
             return
         made = tuple(bench.made.items())
@@ -102,10 +114,14 @@ class Knowledge:
             errors = {name: {'max': d.max, 'rms': d.rms, 'peak': truth.peaks[name]} for name, d in departed.items()}
             if all(math.isfinite(value) for one in errors.values() for value in one.values()):
                 cost = cost_of(bench, run.setting, run) / cost_of(bench, full)
-                found.append({'maneuver': kind, 'setting': dataclasses.asdict(run.setting), 'cost': cost, 'errors': errors})
+                found.append(
+                    {'maneuver': kind, 'setting': dataclasses.asdict(run.setting), 'cost': cost, 'errors': errors}
+                )
         data['plans'] += 1
         data['levels'] = sorted({*data['levels'], *(run.setting.level for run in runs)})
-        data['prices'].setdefault(self.machine, {}).update({_name(model): list(price) for model, price in prices.items()})
+        data['prices'].setdefault(self.machine, {}).update(
+            {_name(model): list(price) for model, price in prices.items()}
+        )
         data['errors'] = [*data['errors'], *found][-MOST:]
         self._data = data
         with suppress(OSError):
@@ -113,7 +129,8 @@ class Knowledge:
 
 
 def keeps(requirements: Iterable[Requirement], seen: Iterable[Errors], share: float) -> bool:
-    """True where errors that were seen are within this share of all limits, each on its own maneuver; a delay is never known."""
+    """True where errors that were seen are within this share of all limits, each on its own maneuver; a delay is never
+    known."""
     for errors in seen:
         for r in requirements:
             one = errors.get(r.quantity)
@@ -123,7 +140,8 @@ def keeps(requirements: Iterable[Requirement], seen: Iterable[Errors], share: fl
 
 
 def maneuver_of(scene: Scene) -> str:
-    """The kind of a maneuver: by what steers, whether it is braked, and whether the road is even. Maneuvers of one kind differ in size."""
+    """The kind of a maneuver: by what steers, whether it is braked, and whether the road is even. Maneuvers of one kind
+    differ in size."""
     maneuver = scene.maneuver
     if maneuver.bag:
         steered = 'recorded'

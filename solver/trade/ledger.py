@@ -10,7 +10,8 @@ from threading import Lock, local
 from typing import NamedTuple
 
 FIRST, REFERENCE, SECOND, LEVELS, SEARCH, SUBSYSTEMS, UNSEEN, PRICES = PURPOSES = (
-    'first answer', 'reference', 'second formulation', 'errors of levels', 'search', 'subsystems', 'unseen maneuvers', 'cost of steps',
+    'first answer', 'reference', 'second formulation', 'errors of '
+        'levels', 'search', 'subsystems', 'unseen maneuvers', 'cost of steps',
 )  # fmt: skip
 
 
@@ -25,8 +26,8 @@ class Spent(NamedTuple):
 
 @dataclass
 class Ledger:
-    """Account of what was spent for each purpose. purpose: the present one; threads that work at the same time work for the
-    same one. once: CPU time [s] of that for what is kept for all plans of the vehicle."""
+    """Account of what was spent for each purpose. purpose: the present one; threads that work at the same time work for
+    the same one. once: CPU time [s] of that for what is kept for all plans of the vehicle."""
 
     purpose: str = FIRST
     spent: dict[str, Spent] = field(default_factory=dict)
@@ -39,7 +40,9 @@ class Ledger:
         with self.lock:
             self.once += once
             before = self.spent.get(self.purpose, Spent())
-            self.spent[self.purpose] = Spent(before.runs + runs, before.starts + starts, before.steps + steps, before.cpu + cpu)
+            self.spent[self.purpose] = Spent(
+                before.runs + runs, before.starts + starts, before.steps + steps, before.cpu + cpu
+            )
 
     @contextmanager
     def timed(self, *, starts: int = 0) -> Iterator[None]:

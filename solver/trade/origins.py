@@ -30,8 +30,9 @@ class Origins(NamedTuple):
 
 
 def origins_of(scene: Scene, stop: Callable[[], bool] | None = None) -> dict[str, Origins]:
-    """The errors of a run of a scene by quantity. stop: says that runs shall end, by Stopped. Raises SpecError where the settings of the
-    integrator are not those of a constant step of second order, and StepError where the reference fails."""
+    """The errors of a run of a scene by quantity. stop: says that runs shall end, by Stopped. Raises SpecError where
+    the settings of the integrator are not those of a constant step of second order, and StepError where the reference
+    fails."""
     given = scene.integrator
     for key, constant in (
         ('kind', ('alf',)),
@@ -40,7 +41,10 @@ def origins_of(scene: Scene, stop: Callable[[], bool] | None = None) -> dict[str
         ('penalty_policy', ('constant',)),
     ):
         if getattr(given, key) not in constant:
-            raise SpecError(f'integrator.{key} = {getattr(given, key)!r}: errors by origin are those of constant steps of second order')
+            raise SpecError(
+                f'integrator.{key} = {getattr(given, key)!r}: errors by origin are those of constant steps of second '
+                'order'
+            )
     if scene.fidelity == 'auto':
         raise SpecError("fidelity = 'auto': its plan has measured the errors by origin (mbd plan)")
     setting = Setting(
@@ -51,7 +55,9 @@ def origins_of(scene: Scene, stop: Callable[[], bool] | None = None) -> dict[str
         rho_inf=given.rho_inf,
         tolerance=given.tolerance,
     )
-    bench = Bench(scene=scene, names=tuple(_named(scene)), steps=tuple(round(given.h_ns / n) * 1e-9 for n in PARTS), stop=stop)
+    bench = Bench(
+        scene=scene, names=tuple(_named(scene)), steps=tuple(round(given.h_ns / n) * 1e-9 for n in PARTS), stop=stop
+    )
     errors, truth = errors_of(bench, AS_GIVEN, setting), truth_of(bench, AS_GIVEN)
     found = {}
     for name, error in errors.items():

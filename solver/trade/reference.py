@@ -1,9 +1,11 @@
-"""The converged solution of a scene: Richardson's limit of the step, its band, and a second formulation that confirms it.
+"""The converged solution of a scene: Richardson's limit of the step, its band, and a second formulation that confirms
+it.
 
-Three runs of the same model with steps h, h/2 and h/4, iterated to tolerance, have errors e h^p + ...; p is 2, the order of the method, or
-1 where a driver looks once per step. The limit is the extrapolation of the two finest, the band the distance to that of the two coarser
-ones. The same code twice proves nothing about a mistake that both share: the second formulation solves the same equations with the
-multipliers kept (form 'block'), other penalties and other damping, so that all that depends on these choices differs.
+Three runs of the same model with steps h, h/2 and h/4, iterated to tolerance, have errors e h^p + ...; p is 2, the
+order of the method, or 1 where a driver looks once per step. The limit is the extrapolation of the two finest, the band
+the distance to that of the two coarser ones. The same code twice proves nothing about a mistake that both share: the
+second formulation solves the same equations with the multipliers kept (form 'block'), other penalties and other
+damping, so that all that depends on these choices differs.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ class Reference(NamedTuple):
     curves: Curves
     quantities: dict[str, Quantity]
     peaks: dict[str, float]
-    band: dict[str, Departure]  # how far the extrapolation of the two coarser runs is; of two runs only that of the coarse one
+    # how far the extrapolation of the two coarser runs is; of two runs only that of the coarse one
+    band: dict[str, Departure]
     steps: tuple[float, ...]  # s
     runs: tuple[Run, ...]
 
@@ -55,8 +58,8 @@ def order(scene: Scene) -> int:
 
 
 def extrapolated(coarse: Run, fine: Run, p: int) -> tuple[np.ndarray, Curves]:
-    """(instants, curves) without the error of order h^p, at the instants of the finer run: a third of what a spline between those of the
-    coarser one is off by is less than it would be of the whole."""
+    """(instants, curves) without the error of order h^p, at the instants of the finer run: a third of what a spline
+    between those of the coarser one is off by is less than it would be of the whole."""
     ratio = (coarse.setting.h / fine.setting.h) ** p
     time = max(coarse.time, fine.time, key=len)
     time = time[time <= min(coarse.time[-1], fine.time[-1]) + 1e-9]
@@ -78,7 +81,8 @@ def second(base: Setting) -> Setting:
 
 
 def of_runs(scene: Scene, runs: Sequence[Run]) -> Reference:
-    """The limit of runs that differ in their step alone, coarsest first; one alone is itself, and has no band. Raises StepError."""
+    """The limit of runs that differ in their step alone, coarsest first; one alone is itself, and has no band. Raises
+    StepError."""
     for one in runs:
         if one.failure:
             raise StepError(f'{one.setting}: {one.failure}')

@@ -58,8 +58,8 @@ def run(
 class Going:
     """A run that can be looked at in between. Nothing is raised but Stopped.
 
-    stop(): raise Stopped soon. make(): the simulation of the setting, where somebody knows its start already. audit: keep
-    the account that findings() needs.
+    stop(): raise Stopped soon. make(): the simulation of the setting, where somebody knows its start already. audit:
+    keep the account that findings() needs.
     """
 
     def __init__(
@@ -90,7 +90,9 @@ class Going:
             except SpecError:
                 continue
         self._envelope = Envelope(s) if audit else None
-        self._places = np.unique(np.concatenate([q.places for q in self._found.values()])) if self._found else np.zeros(0, int)
+        self._places = (
+            np.unique(np.concatenate([q.places for q in self._found.values()])) if self._found else np.zeros(0, int)
+        )
         self._every = max(1, -(-SAMPLE_NS // s.h_ns))
         self._keep(s.snapshot())
 
@@ -141,7 +143,8 @@ class Going:
 
 
 def at(times: np.ndarray, found_times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (n, components) given at found_times, at other times: exactly where they are among them, by a cubic spline elsewhere."""
+    """Values (n, components) given at found_times, at other times: exactly where they are among them, by a cubic spline
+    elsewhere."""
     if times.shape == found_times.shape and np.array_equal(times, found_times):
         return values
     places = np.clip(np.searchsorted(found_times, times - 1e-12), 0, len(found_times) - 1)
@@ -158,8 +161,8 @@ def departures(
     peaks: dict[str, float],
     names: Collection[str] | None = None,
 ) -> dict[str, Departure]:
-    """Errors of a run against curves at the instants `time`, by quantity. What failed, or is not modelled, is infinitely far. names: of the
-    quantities that are looked at, None: all."""
+    """Errors of a run against curves at the instants `time`, by quantity. What failed, or is not modelled, is
+    infinitely far. names: of the quantities that are looked at, None: all."""
     result = {}
     for name, q in quantities.items():
         if names is not None and name not in names:

@@ -1,20 +1,21 @@
-"""The cheapest way to simulate a scene that keeps what it requires, found by measuring, and checked where it was not chosen.
+"""The cheapest way to simulate a scene that keeps what it requires, found by measuring, and checked where it was not
+chosen.
 
-Errors of different origin cancel on one maneuver and not on the next. So an error is bounded by the sum of its parts (solver.trade.errors)
-and of the band of the converged full vehicle.
+Errors of different origin cancel on one maneuver and not on the next. So an error is bounded by the sum of its parts
+(solver.trade.errors) and of the band of the converged full vehicle.
 
-First answers come before the long runs (solver.trade.first). Then settings are tried cheapest first, on growing parts of the scene's own
-maneuver (what an error has reached by then it does not lose again) and then on the corners of the variations (solver.trade.variations); the
-first whose bounds keep the limits, and whose errors themselves leave MARGIN of them free, is the cheapest: it is the error that may be
-larger on maneuvers in between. A run of it must not be broken (solver.analysis.certificate_coverage); what is merely coarse is
-measured, and goes with the certificate. When it is the turn of a level its model error is looked at first: one that is
-too large by itself takes all its settings out. Of its level subsystems are then switched off, those first that save
-most for the error they make, singly and by exchanging pairs. What remains is checked by its error itself on variations
-that had no part in the choice. n passes without failure bound the rate of failures by 1 - 0.05^(1/n) with 95 % confidence
-[Hanley1983].
+First answers come before the long runs (solver.trade.first). Then settings are tried cheapest first, on growing parts
+of the scene's own maneuver (what an error has reached by then it does not lose again) and then on the corners of the
+variations (solver.trade.variations); the first whose bounds keep the limits, and whose errors themselves leave MARGIN
+of them free, is the cheapest: it is the error that may be larger on maneuvers in between. A run of it must not be
+broken (solver.analysis.certificate_coverage); what is merely coarse is measured, and goes with the certificate. When it
+is the turn of a level its model error is looked at first: one that is too large by itself takes all its settings out.
+Of its level subsystems are then switched off, those first that save most for the error they make, singly and by
+exchanging pairs. What remains is checked by its error itself on variations that had no part in the choice. n passes
+without failure bound the rate of failures by 1 - 0.05^(1/n) with 95 % confidence [Hanley1983].
 
-A plan may take TIMES times the CPU time of the full run: the scene as it is given, with all of its vehicle. What its runs were made for is
-in its ledger.
+A plan may take TIMES times the CPU time of the full run: the scene as it is given, with all of its vehicle. What its
+runs were made for is in its ledger.
 """
 
 from __future__ import annotations
@@ -93,9 +94,10 @@ QUICK = ('kc', 'condensed')  # those that are derived in about a second where th
 
 
 def falls(bands: dict[Requirement, float], before: dict[Requirement, float]) -> float:
-    """Part of the bands of a reference that counts as its error. A band is how far the limit of the coarser steps was off. It falls
-    from one reference to the next, and that of the finest limit is the next of the sequence: it is taken to fall half as much at
-    least as it did. bands, before: shares of limits, with these steps and with twice these (none: not known)."""
+    """Part of the bands of a reference that counts as its error. A band is how far the limit of the coarser steps was
+    off. It falls from one reference to the next, and that of the finest limit is the next of the sequence: it is taken
+    to fall half as much at least as it did. bands, before: shares of limits, with these steps and with twice these
+    (none: not known)."""
     falling = [band / before[r] for r, band in bands.items() if before.get(r, 0.0) > 0.0 and band > NOTHING]
     return min(1.0, 2.0 * max(falling)) if falling else 1.0
 
@@ -103,10 +105,10 @@ def falls(bands: dict[Requirement, float], before: dict[Requirement, float]) -> 
 class Search:
     """The search for one scene.
 
-    longest, times, startup, ended(): see Allowance. unseen: maneuvers to check on, None: UNSEEN, and more where they cost little.
-    progress(text, done): is told what is going on. answer(): is told first answers. keep_in: a directory in which whole runs are kept,
-    and found again; none keeps nothing. knowledge: a directory of what plans of a vehicle leave to the next one. bench: what was measured
-    so far.
+    longest, times, startup, ended(): see Allowance. unseen: maneuvers to check on, None: UNSEEN, and more where they
+    cost little. progress(text, done): is told what is going on. answer(): is told first answers. keep_in: a directory
+    in which whole runs are kept, and found again; none keeps nothing. knowledge: a directory of what plans of a vehicle
+    leave to the next one. bench: what was measured so far.
     """
 
     def __init__(
@@ -127,7 +129,10 @@ class Search:
     ) -> None:
         required = requirements(scene)
         if not required:
-            raise SpecError(f'scene {scene.name!r}: no accuracy is required, so there is nothing to plan; add e.g. require: {EXAMPLE}')
+            raise SpecError(
+                f'scene {scene.name!r}: no accuracy is required, so there is nothing to plan; add e.g. require: '
+                f'{EXAMPLE}'
+            )
         self.ledger = Ledger()
         self.allowance = Allowance(longest, times, startup, ended, lambda: self.ledger.once)
         self.workers, self._progress, self._answer = workers, progress, answer
@@ -144,9 +149,12 @@ class Search:
         self.scene = dataclasses.replace(scene, fidelity='full', switches={}, resolved='')
         self.kept = KeptRuns(keep_in, runs_of(self.scene) if keep_in else '', everything)
         self.knowledge = Knowledge(knowledge, self.scene)
-        made: dict[tuple[Hashable, ...], Any] = {('price', model): price for model, price in self.knowledge.prices().items()}
+        made: dict[tuple[Hashable, ...], Any] = {
+            ('price', model): price for model, price in self.knowledge.prices().items()
+        }
         self.bench = Bench(
-            self.scene, everything, self.step_sets()[0], required, self.different((AS_GIVEN, *CORNERS)), stop=self.allowance.late,
+            self.scene, everything, self.step_sets()[0], required, self.different((AS_GIVEN, *CORNERS)),
+            stop=self.allowance.late,
             kept=self.kept, ledger=self.ledger, made=made,
         )  # fmt: skip
         self.notes: list[str] = []
@@ -158,7 +166,8 @@ class Search:
         self.checks: list[Check] = []
         self.result: Verdict | None = None
         self.ended = False  # before the search had come to an end, by time
-        self.coarse: dict[str, Finding] = {}  # what the reference does not resolve itself, by the quantity of the finding
+        # what the reference does not resolve itself, by the quantity of the finding
+        self.coarse: dict[str, Finding] = {}
         self.unchecked: list[Check] = []  # unseen maneuvers on which the full vehicle itself cannot be simulated
 
     @property
@@ -193,15 +202,18 @@ class Search:
         return tuple(dict.fromkeys(effective(self.scene, v) for v in variations))
 
     def points(self, count: int) -> list[Variation]:
-        """Up to so many maneuvers inside the ranges that had no part in the choice; none of a scene in which nothing can be varied."""
+        """Up to so many maneuvers inside the ranges that had no part in the choice; none of a scene in which nothing
+        can be varied."""
         seen = self.bench.seen
         return [v for v in self.different(inside(k) for k in range(count + len(seen))) if v not in seen][:count]
 
     def step_sets(self) -> list[tuple[float, ...]]:
         """Steps that a reference may have; the scene has room for some of the coarsest."""
-        return [steps for steps in STEP_SETS if steps[0] <= 0.05 * self.scene.duration or steps[0] <= reference.STEPS[0]]
+        return [
+            steps for steps in STEP_SETS if steps[0] <= 0.05 * self.scene.duration or steps[0] <= reference.STEPS[0]
+        ]
 
-    # -- the phases ----------------------------------------------------------------------------------------------------
+    # -- the phases ---------------------------------------------------------------------------------------------------
 
     def find_first(self) -> None:
         """Answer from a few coarse runs."""
@@ -211,8 +223,8 @@ class Search:
             self.tell(first.by_twin(self.bench, [level for level in ASKED_FIRST if level in known_levels], say))
 
     def find_reference(self) -> bool:
-        """Choose steps fine enough for the limits; False where the band stays too wide for one of them, or a second formulation does not
-        confirm it. Raises StepError."""
+        """Choose steps fine enough for the limits; False where the band stays too wide for one of them, or a second
+        formulation does not confirm it. Raises StepError."""
         before: dict[Requirement, float] = {}
         for steps in self.step_sets():
             bench = self.bench = dataclasses.replace(self.bench, steps=steps)
@@ -224,20 +236,28 @@ class Search:
                 if steps == STEP_SETS[-1]:
                     raise
                 continue
-            whole = {r: band / limits[r] for r, band in bands_of(dataclasses.replace(bench, falls=1.0), AS_GIVEN).items()}
+            whole = {
+                r: band / limits[r] for r, band in bands_of(dataclasses.replace(bench, falls=1.0), AS_GIVEN).items()
+            }
             bench = self.bench = dataclasses.replace(bench, falls=falls(whole, before))
             before = whole
             worst, share = largest({r: bench.falls * whole[r] for r in limits})
             if share <= CLEAR_BAND and not self.unresolved():
                 break
         if not share <= 1.0 - MARGIN:
-            self.notes.append(f'{worst}: the reference itself is uncertain by {share:.2g} of the limit, with {1e3 * bench.steps[-1]:g} ms')
+            self.notes.append(
+                f'{worst}: the reference itself is uncertain by {share:.2g} of the limit, with '
+                f'{1e3 * bench.steps[-1]:g} ms'
+            )
             return False
         self.say('second formulation of the reference', ledger.SECOND)
         self.second = second_of(bench, self.steps_of_second(limits))
         worst, share = largest({r: r.error(self.second[r.quantity]) / limits[r] for r in limits})
         if not share <= 1.0 - MARGIN:
-            self.notes.append(f'{worst}: the reference is not confirmed, a second formulation departs from it by {share:.2g} of the limit')
+            self.notes.append(
+                f'{worst}: the reference is not confirmed, a second formulation departs from it by {share:.2g} of the '
+                'limit'
+            )
             return False
         self.say('references of the corners', ledger.REFERENCE)
         bench = self.bench = dataclasses.replace(bench, apart=elsewhere.chosen(bench, Setting(level='kc')))
@@ -276,7 +296,8 @@ class Search:
         return elsewhere.unresolved(self.bench, AS_GIVEN, Setting(h=self.bench.steps[-1]))
 
     def judged_by(self, setting: Setting, small: float = elsewhere.SMALL) -> Bench:
-        """The bench with the references on other maneuvers that are fine enough for a setting. small: see elsewhere.chosen()."""
+        """The bench with the references on other maneuvers that are fine enough for a setting. small: see
+        elsewhere.chosen()."""
         before, self.ledger.purpose = self.ledger.purpose, ledger.REFERENCE
         try:
             return dataclasses.replace(self.bench, apart=elsewhere.chosen(self.bench, setting, small))
@@ -305,8 +326,9 @@ class Search:
         return bool(self.levels[level])
 
     def _out(self, base: Setting) -> str:
-        """Why a model cannot keep the limits whatever its step, or '': on the maneuver of the scene, against the full vehicle with the same
-        coarse step. Errors of the step are nearly the same in both; what is left of them is far below COARSE - 1 of a limit."""
+        """Why a model cannot keep the limits whatever its step, or '': on the maneuver of the scene, against the full
+        vehicle with the same coarse step. Errors of the step are nearly the same in both; what is left of them is far
+        below COARSE - 1 of a limit."""
         if base.model == FULL.model:
             return ''
         try:
@@ -324,12 +346,21 @@ class Search:
         worst, share = largest({r: r.error(errors[r.quantity]) / limits[r] for r in limits})
         if math.isinf(share):
             there = worst.quantity in found.curves
-            return f'{worst}: it changes in another way than in the full vehicle' if there else f'{worst.quantity} is not modelled'
-        return '' if share <= COARSE else f'{worst}: its model error alone is {share:.2g} of the limit, with {1e3 * h:g} ms'
+            return (
+                f'{worst}: it changes in another way than in the full vehicle'
+                if there
+                else f'{worst.quantity} is not modelled'
+            )
+        return (
+            ''
+            if share <= COARSE
+            else f'{worst}: its model error alone is {share:.2g} of the limit, with {1e3 * h:g} ms'
+        )
 
     def _look_again(self, level: str) -> None:
-        """Take a level out whose converged model error is too large on a maneuver that serves to choose. It is looked at when a setting of
-        the level keeps the limits on the maneuver of the scene, if only because its errors cancel."""
+        """Take a level out whose converged model error is too large on a maneuver that serves to choose. It is looked
+        at when a setting of the level keeps the limits on the maneuver of the scene, if only because its errors
+        cancel."""
         base = Setting(level=level)  # type: ignore[arg-type]
         for v in self.bench.seen if level != FULL.level else ():
             try:
@@ -347,9 +378,9 @@ class Search:
     def candidates(self, models: Sequence[Setting]) -> list[Setting]:
         """All settings of these models, cheapest first.
 
-        Their steps go down to an eighth of the finest one of the reference: a run is judged by the limit of those, with its band, which
-        lies far below all limits also where the error of the finest does not. A level with a step of its own makes no iterations and
-        knows no damping: it has one setting a step.
+        Their steps go down to an eighth of the finest one of the reference: a run is judged by the limit of those, with
+        its band, which lies far below all limits also where the error of the finest does not. A level with a step of
+        its own makes no iterations and knows no damping: it has one setting a step.
         """
         steps = [h for h in STEPS if h >= FINEST * self.bench.steps[-1] and h <= 0.25 * self.scene.duration]
         found = []
@@ -371,7 +402,12 @@ class Search:
             try:
                 verdict = judge(self.judged_by(setting), setting, self.workers)
                 self.tried.append(verdict)
-                if verdict.dropped and not setting.off and known(self.bench, AS_GIVEN, setting) and setting.level not in looked_at:
+                if (
+                    verdict.dropped
+                    and not setting.off
+                    and known(self.bench, AS_GIVEN, setting)
+                    and setting.level not in looked_at
+                ):
                     looked_at.add(setting.level)
                     self._look_again(setting.level)
             except Stopped:
@@ -381,12 +417,17 @@ class Search:
             if verdict.dropped or verdict.cost > below:
                 continue
             self.allowance.until = min(self.allowance.until, 1.0 - CHECK_SHARE)
-            if best is None or verdict.cost * SAME < best.cost or (verdict.cost <= SAME * best.cost and verdict.used < best.used):
+            if (
+                best is None
+                or verdict.cost * SAME < best.cost
+                or (verdict.cost <= SAME * best.cost and verdict.used < best.used)
+            ):
                 best = verdict
         return best
 
     def eliminate(self, best: Verdict) -> Verdict:
-        """Switch subsystems off as long as that is cheaper and keeps everything: one after the other, then by exchanging pairs.
+        """Switch subsystems off as long as that is cheaper and keeps everything: one after the other, then by
+        exchanging pairs.
 
         A level with a step of its own costs the same whatever is off.
         """
@@ -411,7 +452,9 @@ class Search:
         for out in best.setting.off:
             for into in left:
                 if out in best.setting.off:
-                    best = self._better(best, tuple(s for s in SUBSYSTEMS if (s in best.setting.off and s != out) or s == into))
+                    best = self._better(
+                        best, tuple(s for s in SUBSYSTEMS if (s in best.setting.off and s != out) or s == into)
+                    )
         return best
 
     def _better(self, best: Verdict, off: tuple[str, ...]) -> Verdict:
@@ -428,8 +471,8 @@ class Search:
         return best if verdict.dropped else verdict
 
     def check_unseen(self, setting: Setting) -> list[Check]:
-        """Checks on variations inside the ranges, as many as may be made, and more where they cost little; the first failure of the setting
-        ends them."""
+        """Checks on variations inside the ranges, as many as may be made, and more where they cost little; the first
+        failure of the setting ends them."""
         found: list[Check] = []
         bench, size = self.judged_by(setting, elsewhere.SMALL_THERE), max(2, self.workers or 2)
         points = self.points(self.most_unseen)
@@ -461,7 +504,8 @@ class Search:
         return [c for c in found if c not in without]
 
     def find(self) -> Verdict | None:
-        """The whole search. self.checks are those of the result; None where nothing keeps what is required, or time is up."""
+        """The whole search. self.checks are those of the result; None where nothing keeps what is required, or time is
+        up."""
         self.tell(first.before_runs(self.bench, self.knowledge))
         self.say('compiling')
         compiled = time.process_time()
@@ -484,7 +528,9 @@ class Search:
                 best = self.eliminate(best)
         except Stopped:
             self.ended = True
-            self.notes.append(f'the search was ended: {self.allowance.why_ended()}; what it had found by then is what counts')
+            self.notes.append(
+                f'the search was ended: {self.allowance.why_ended()}; what it had found by then is what counts'
+            )
         while best is not None:
             self.allowance.until = 1.0 - END_SHARE  # cheapest() leaves it shorter whenever it finds something
             self.checks = self.check_unseen(best.setting)
@@ -493,12 +539,19 @@ class Search:
             if not bad:
                 self.result = best
                 return best
-            why = f'{bad[0].failure or f"{bad[0].worst}: {bad[0].used:.2g} of its limit"} on a maneuver that was unseen ({failed[0]})'
+            why = (
+                f'{bad[0].failure or f"{bad[0].worst}: {bad[0].used:.2g} of its limit"} on a maneuver that was '
+                f'unseen ({failed[0]})'
+            )
             self.notes.append(f'{best.setting} failed on {failed[0]}, which has served to choose from then on')
-            self.tried = [t if t is not best else t._replace(dropped=why, error=max(t.error, *(c.used for c in bad))) for t in self.tried]
+            self.tried = [
+                t if t is not best else t._replace(dropped=why, error=max(t.error, *(c.used for c in bad)))
+                for t in self.tried
+            ]
             self.bench = dataclasses.replace(self.bench, seen=(*self.bench.seen, *failed))
             try:
-                self.levels = {level: why for level, why in self.levels.items() if why}  # the others are looked at again
+                # the others are looked at again
+                self.levels = {level: why for level, why in self.levels.items() if why}
                 again = Setting(level=best.setting.level, off=best.setting.off)
                 best = self.cheapest([*models, again] if again.off else models)
             except Stopped:
@@ -508,8 +561,8 @@ class Search:
         return None
 
     def costs(self, setting: Setting) -> tuple[cost.Cost, cost.Cost]:
-        """(of the setting, of the full vehicle at 1 ms), measured in turn; by their counters where one of them cannot be run, or no time is
-        left."""
+        """(of the setting, of the full vehicle at 1 ms), measured in turn; by their counters where one of them cannot
+        be run, or no time is left."""
         self.say('measuring costs', ledger.PRICES)
         both = setting, baseline(self.scene)
         try:

@@ -17,7 +17,8 @@ RHOS = (0.8, 0.5)
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """level: of detail. off: subsystems that are left out. h: step [s]. iterations: per step; None iterates to `tolerance`.
+    """level: of detail. off: subsystems that are left out. h: step [s]. iterations: per step; None iterates to
+    `tolerance`.
 
     rho_inf: spectral radius at infinite frequency. other: further keys of the integrator, for a second formulation.
     """
@@ -31,7 +32,11 @@ class Setting:
     other: tuple[tuple[str, Any], ...] = ()
 
     def __str__(self) -> str:
-        how = f'{self.iterations} iteration{"s" * (self.iterations > 1)}' if self.iterations else f'tolerance {self.tolerance:g}'
+        how = (
+            f'{self.iterations} iteration{"s" * (self.iterations > 1)}'
+            if self.iterations
+            else f'tolerance {self.tolerance:g}'
+        )
         off = f' without {", ".join(self.off)}' if self.off else ''
         return f'{self.level}{off}, {self.h * 1e3:g} ms, {how}, rho {self.rho_inf:g}'
 
@@ -41,20 +46,34 @@ class Setting:
         return self.level, self.off
 
     def of(self, scene: Scene) -> Scene:
-        """The scene simulated this way, with constant step and penalties and the method of second order. It requires no accuracy: what is
-        measured here is not what an older plan certifies."""
+        """The scene simulated this way, with constant step and penalties and the method of second order. It requires no
+        accuracy: what is measured here is not what an older plan certifies."""
         integrator = dataclasses.replace(scene.integrator, **self.integrator(scene))
         require = dataclasses.replace(scene.require, accuracy={})
         switches = dict.fromkeys(self.off, 'off')
-        return dataclasses.replace(scene, fidelity=self.level, switches=switches, integrator=integrator, require=require)  # type: ignore[arg-type]
+        return dataclasses.replace(
+            scene,
+            fidelity=self.level,
+            switches=switches,  # type: ignore[arg-type]
+            integrator=integrator,
+            require=require,
+        )
 
     def integrator(self, scene: Scene) -> dict[str, Any]:
         """The settings of the integrator that differ from those of the scene."""
         mode: dict[str, Any] = {'mode': 'fixed', 'iterations': self.iterations}
         if self.iterations is None:
-            most = max(scene.integrator.max_iterations, IntegratorSettings().max_iterations)  # fewer would be no reference
+            # fewer would be no reference
+            most = max(scene.integrator.max_iterations, IntegratorSettings().max_iterations)
             mode = {'mode': 'tolerance', 'tolerance': self.tolerance, 'max_iterations': most}
-        mode |= {'kind': 'alf', 'h': self.h, 'rho_inf': self.rho_inf, 'step_policy': 'constant', 'penalty_policy': 'constant', 'order': 2}
+        mode |= {
+            'kind': 'alf',
+            'h': self.h,
+            'rho_inf': self.rho_inf,
+            'step_policy': 'constant',
+            'penalty_policy': 'constant',
+            'order': 2,
+        }
         return mode | dict(self.other)
 
     def keys(self) -> dict[str, Any]:
@@ -75,6 +94,11 @@ def baseline(scene: Scene) -> Setting:
     return Setting(h=1e-3, rho_inf=settings.rho_inf, tolerance=settings.tolerance)
 
 
-def grid(model: Setting, steps: Sequence[float], iterations: Sequence[int] = ITERATIONS, rhos: Sequence[float] = RHOS) -> list[Setting]:
+def grid(
+    model: Setting, steps: Sequence[float], iterations: Sequence[int] = ITERATIONS, rhos: Sequence[float] = RHOS
+) -> list[Setting]:
     """All combinations of these, with level and switches of `model`."""
-    return [dataclasses.replace(model, h=h, iterations=n, rho_inf=rho) for h, n, rho in itertools.product(steps, iterations, rhos)]
+    return [
+        dataclasses.replace(model, h=h, iterations=n, rho_inf=rho)
+        for h, n, rho in itertools.product(steps, iterations, rhos)
+    ]

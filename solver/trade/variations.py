@@ -1,11 +1,13 @@
-"""Maneuvers beside the one that a scene has: another amplitude, speed, friction, direction, and another road of the same class.
+"""Maneuvers beside the one that a scene has: another amplitude, speed, friction, direction, and another road of the
+same class.
 
-The ranges are part of a certificate: what was found holds within them. Their corners serve to choose, points inside to check. What a scene
-does not have is not varied (the path of a driver has no amplitude, a lane change no other side), and a maneuver that is driven twice counts
-once: `effective` says what of a variation changes anything.
+The ranges are part of a certificate: what was found holds within them. Their corners serve to choose, points inside to
+check. What a scene does not have is not varied (the path of a driver has no amplitude, a lane change no other side),
+and a maneuver that is driven twice counts once: `effective` says what of a variation changes anything.
 
-A mechanism has no steering and no road. The amplitude is that of its inputs, as far as they begin at zero (others would place it anew), the
-speed that of its start; one that begins at rest and has no inputs falls as much faster, under gravity times the square of that.
+A mechanism has no steering and no road. The amplitude is that of its inputs, as far as they begin at zero (others would
+place it anew), the speed that of its start; one that begins at rest and has no inputs falls as much faster, under
+gravity times the square of that.
 """
 
 from __future__ import annotations
@@ -25,12 +27,14 @@ from solver.scene import Scene
 RANGES = {'amplitude': (0.8, 1.05), 'speed': (0.9, 1.05), 'friction': (0.9, 1.0)}
 BASES = {'amplitude': 2, 'speed': 3, 'friction': 5, 'direction': 7}  # of the Halton sequence
 TORQUE = STEERING['torque']
-SIZES = ('value', 'initial', 'final', 'slope', 'amplitude', 'final_amplitude', 'offset')  # fields of signals that scale with them
+# fields of signals that scale with them
+SIZES = ('value', 'initial', 'final', 'slope', 'amplitude', 'final_amplitude', 'offset')
 
 
 class Variation(NamedTuple):
-    """Factors on the amplitude of the steering, angle or torque (of drive and brakes where nothing is steered, of the inputs of a
-    mechanism), on the speed and the friction; direction -1: to the other side; road: added to the seed of random roads."""
+    """Factors on the amplitude of the steering, angle or torque (of drive and brakes where nothing is steered, of the
+    inputs of a mechanism), on the speed and the friction; direction -1: to the other side; road: added to the seed of
+    random roads."""
 
     amplitude: float = 1.0
     speed: float = 1.0
@@ -77,7 +81,9 @@ def varied(scene: Scene, v: Variation) -> Scene:
     maneuver, mirrorable = _maneuver(scene.maneuver, v)
     kept = maneuver.speed
     if kept is not None and kept.target is not None:
-        maneuver = dataclasses.replace(maneuver, speed=dataclasses.replace(kept, target=scaled(signal(kept.target), v.speed)))
+        maneuver = dataclasses.replace(
+            maneuver, speed=dataclasses.replace(kept, target=scaled(signal(kept.target), v.speed))
+        )
     mirrored = v.direction < 0 and mirrorable
     model = dataclasses.replace(scene.model, road=_road(scene.model.road, v.friction, mirrored, v.road))
     start = dataclasses.replace(scene.start, speed=scene.start.speed * v.speed)
@@ -96,7 +102,9 @@ def effective(scene: Scene, v: Variation) -> Variation:
 def ranges_of(scene: Scene) -> dict[str, tuple[float, float]]:
     """Those of RANGES that change something in the scene."""
     corners = [effective(scene, v) for v in CORNERS]
-    return {name: ends for name, ends in RANGES.items() if any(getattr(v, name) != getattr(AS_GIVEN, name) for v in corners)}
+    return {
+        name: ends for name, ends in RANGES.items() if any(getattr(v, name) != getattr(AS_GIVEN, name) for v in corners)
+    }
 
 
 def _driven(scene: Scene) -> tuple[Any, ...]:
@@ -106,7 +114,16 @@ def _driven(scene: Scene) -> tuple[Any, ...]:
     target = None if kept is None or kept.target is None else signal(kept.target)
     model = scene.model
     moving = [(body.velocity, body.angular_velocity) for body in model.bodies]
-    return scene.start, model.road, model.gravity, moving, maneuver.channels, signal(maneuver.road_wheel), maneuver.driver, target
+    return (
+        scene.start,
+        model.road,
+        model.gravity,
+        moving,
+        maneuver.channels,
+        signal(maneuver.road_wheel),
+        maneuver.driver,
+        target,
+    )
 
 
 def _of_mechanism(scene: Scene, v: Variation) -> Scene:
@@ -128,7 +145,9 @@ def _of_mechanism(scene: Scene, v: Variation) -> Scene:
     elif not inputs and not scene.maneuver.bag:
         model = dataclasses.replace(model, gravity=_times(v.speed**2, model.gravity))
     start = dataclasses.replace(scene.start, speed=scene.start.speed * v.speed, coordinates={**wanted, **faster})
-    maneuver = scene.maneuver if scene.maneuver.bag else dataclasses.replace(scene.maneuver, signals={**inputs, **changed})
+    maneuver = (
+        scene.maneuver if scene.maneuver.bag else dataclasses.replace(scene.maneuver, signals={**inputs, **changed})
+    )
     return dataclasses.replace(scene, model=model, start=start, maneuver=maneuver, resolved='')
 
 
@@ -146,7 +165,9 @@ def _maneuver(maneuver: Maneuver, v: Variation) -> tuple[Maneuver, bool]:
             return dataclasses.replace(maneuver, driver=dataclasses.replace(driver, path=circle)), True
         return maneuver, False
     if maneuver.by_road_wheel:
-        return dataclasses.replace(maneuver, road_wheel=scaled(signal(maneuver.road_wheel), v.amplitude * v.direction)), True
+        return dataclasses.replace(
+            maneuver, road_wheel=scaled(signal(maneuver.road_wheel), v.amplitude * v.direction)
+        ), True
     steering = signal(maneuver.steering)
     if steering != Constant():
         return dataclasses.replace(maneuver, steering=scaled(steering, v.amplitude * v.direction)), True

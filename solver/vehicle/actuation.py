@@ -87,17 +87,26 @@ def _with_wheels(model: ModelSpec) -> ModelSpec:
         if bearing not in brakes:
             raise SpecError(f'actuation: wheels: wheel {wheel!r} has no brake on a coordinate {bearing!r}')
         own[bearing] = f'brake_torque_{wheel}'
-        name = next((name for name in (f'output_shaft_{wheel}/angle', f'shaft_{wheel}', bearing) if name in outputs), None)
+        name = next(
+            (name for name in (f'output_shaft_{wheel}/angle', f'shaft_{wheel}', bearing) if name in outputs), None
+        )
         sign, top_rate = (1.0, None) if name is None else _as_driven(*outputs[name])
         drives.append(
-            CoordinateForceSpec(name=f'drive_{wheel}', terms=((name or bearing, sign),), input=f'drive_torque_{wheel}', top_rate=top_rate)
+            CoordinateForceSpec(
+                name=f'drive_{wheel}',
+                terms=((name or bearing, sign),),
+                input=f'drive_torque_{wheel}',
+                top_rate=top_rate,
+            )
         )
         inputs += [f'drive_torque_{wheel}', own[bearing]]
     if not drives:
         raise SpecError('actuation: wheels: the model has no tires')
     return dataclasses.replace(
         model,
-        brakes=tuple(dataclasses.replace(b, own_input=own[b.coordinate]) if b.coordinate in own else b for b in model.brakes),
+        brakes=tuple(
+            dataclasses.replace(b, own_input=own[b.coordinate]) if b.coordinate in own else b for b in model.brakes
+        ),
         coordinate_forces=(*model.coordinate_forces, *drives),
         inputs=(*model.inputs, *inputs),
     )
@@ -123,13 +132,17 @@ def reaches(model: ModelSpec) -> dict[str, Reach]:
     found: dict[str, Reach] = {}
     for engine in model.engines:
         low, high = min(0.0, engine.pedals[0]), max(1.0, engine.pedals[-1])
-        found[engine.input] = Reach(low - SWING, high + SWING, f'must be a position of the pedal, {low:g} to {high:g}, not per cent')
+        found[engine.input] = Reach(
+            low - SWING, high + SWING, f'must be a position of the pedal, {low:g} to {high:g}, not per cent'
+        )
     for clutch in model.clutches:
         found[clutch.input] = Reach(-SWING, 1.0 + SWING, 'must be a position of the pedal, 0 to 1, not per cent')
     for channel in {clutch.gear for clutch in model.clutches}:
         boxes = [clutch for clutch in model.clutches if clutch.gear == channel]
         back, count = any(box.reverse is not None for box in boxes), max(len(box.ratios) for box in boxes)
-        gears = f'is no gear: there are 1 to {count}, 0 is neutral' + (', -1 is the reverse gear' if back else '; there is no reverse gear')
+        gears = f'is no gear: there are 1 to {count}, 0 is neutral' + (
+            ', -1 is the reverse gear' if back else '; there is no reverse gear'
+        )
         remedy = gears if channel == GEAR else f'must be 0 to {count}'
         found[channel] = Reach(-1.5 if back else -0.5, count + 0.5, remedy)
     return found

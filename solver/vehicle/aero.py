@@ -27,4 +27,8 @@ def aero_drag(aero: Aero | None, chassis: RigidBodySpec) -> tuple[AeroDragSpec, 
     """Drag and lift on the chassis, if there are any."""
     if aero is None:
         return ()
-    return (AeroDragSpec(name='aero', marker=marker_at(chassis, aero.point), drag_area=aero.drag_area, lift_area=aero.lift_area),)
+    return (
+        AeroDragSpec(
+            name='aero', marker=marker_at(chassis, aero.point), drag_area=aero.drag_area, lift_area=aero.lift_area
+        ),
+    )

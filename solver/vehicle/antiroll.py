@@ -18,10 +18,10 @@ from solver.vehicle.parts import LEFTWARDS, Bushing, Link, Parts, joined, link, 
 class AntiRollBar:
     """Data of the left half.
 
-    center: middle of the bar (y = 0); bend: where the bar turns into its arm; mount: point of its bearing on the subframe [m].
-    drop_link: inner end on the arm of the bar, outer end on the arm of the suspension. mass of one half [kg], radius of the bar [m].
-    stiffness: torque over the twist between the two halves [N m/rad]. bushing: of the bearing, z along the bar; its tilting rate
-    includes the bending of the bar, which is cut in the middle.
+    center: middle of the bar (y = 0); bend: where the bar turns into its arm; mount: point of its bearing on the
+    subframe [m]. drop_link: inner end on the arm of the bar, outer end on the arm of the suspension. mass of one half
+    [kg], radius of the bar [m]. stiffness: torque over the twist between the two halves [N m/rad]. bushing: of the
+    bearing, z along the bar; its tilting rate includes the bending of the bar, which is cut in the middle.
     """
 
     center: Point
@@ -51,13 +51,23 @@ def anti_roll_bar(axle: str, data: AntiRollBar, subframe: RigidBodySpec, arms: d
         lengths = [distance(a, b) for a, b in spans]
         body = rods(
             f'anti_roll_bar_{axle}_{side}',
-            [(data.mass * length / sum(lengths), a, b, data.radius) for (a, b), length in zip(spans, lengths, strict=True)],
+            [
+                (data.mass * length / sum(lengths), a, b, data.radius)
+                for (a, b), length in zip(spans, lengths, strict=True)
+            ],
         )
         halves[side] = body
         parts += [
             Parts(bodies=(body,)),
             mounting(
-                f'anti_roll_mount_{axle}_{side}', subframe, body, (data.mount,), data.bushing, ideal='revolute', side=side, axis=LEFTWARDS
+                f'anti_roll_mount_{axle}_{side}',
+                subframe,
+                body,
+                (data.mount,),
+                data.bushing,
+                ideal='revolute',
+                side=side,
+                axis=LEFTWARDS,
             ),
             link(f'drop_link_{axle}_{side}', data.drop_link, body, arm, side, pin=LEFTWARDS),
         ]

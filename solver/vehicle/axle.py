@@ -27,8 +27,8 @@ AnySuspension = DoubleWishbone | MacPherson | MultiLink | TrailingArm | TwistBea
 
 @dataclass(frozen=True, kw_only=True)
 class Subframe:
-    """A subframe on mounts. mounts: groups of points with the same bushing [m]; a group becomes one element at its centre. Without a
-    bushing the subframe is fixed to the chassis."""
+    """A subframe on mounts. mounts: groups of points with the same bushing [m]; a group becomes one element at its
+    centre. Without a bushing the subframe is fixed to the chassis."""
 
     part: Part
     mounts: tuple[tuple[Point, ...], ...]
@@ -40,8 +40,8 @@ class Subframe:
 
 @dataclass(frozen=True, kw_only=True)
 class FollowingRack:
-    """A rack that the steering wheel moves by a fixed ratio: rear steering. per_turn: its travel to the left per turn of the steering
-    wheel [m]; negative steers the other way round."""
+    """A rack that the steering wheel moves by a fixed ratio: rear steering. per_turn: its travel to the left per turn
+    of the steering wheel [m]; negative steers the other way round."""
 
     rack: Part
     per_turn: Length
@@ -49,7 +49,8 @@ class FollowingRack:
 
 @dataclass(frozen=True, kw_only=True)
 class Axle:
-    """An axle; suspension: of the left side, mirrored on the right, unless `right` gives that of the right side (as its mirror image)."""
+    """An axle; suspension: of the left side, mirrored on the right, unless `right` gives that of the right side (as its
+    mirror image)."""
 
     name: str
     suspension: AnySuspension
@@ -81,8 +82,15 @@ def subframe(axle: str, data: Subframe | None, chassis: RigidBodySpec) -> tuple[
 def following_rack(axle: str, data: FollowingRack, base: RigidBodySpec) -> tuple[Parts, RigidBodySpec]:
     """(parts, body) of a rack that follows the steering wheel. Coordinate rack_<axle>, positive along y [m]."""
     body, name = data.rack.body(f'rack_{axle}', data.rack.com), f'rack_{axle}'
-    slide = JointSpec(name=name, kind='prismatic', i=marker_at(base, data.rack.com, LEFTWARDS), j=marker_at(body, data.rack.com, LEFTWARDS))
-    ratio = CouplerSpec(name=name + '_ratio', terms=((name, 1.0), ('steering_wheel', -data.per_turn / (2.0 * math.pi))), offset=0.0)
+    slide = JointSpec(
+        name=name,
+        kind='prismatic',
+        i=marker_at(base, data.rack.com, LEFTWARDS),
+        j=marker_at(body, data.rack.com, LEFTWARDS),
+    )
+    ratio = CouplerSpec(
+        name=name + '_ratio', terms=((name, 1.0), ('steering_wheel', -data.per_turn / (2.0 * math.pi))), offset=0.0
+    )
     return Parts(bodies=(body,), joints=(slide,), couplers=(ratio,)), body
 
 

@@ -1,4 +1,5 @@
-"""A car put together from axles, each with its suspension and with what else it has: a subframe, an anti-roll bar, a drive, a rack.
+"""A car put together from axles, each with its suspension and with what else it has: a subframe, an anti-roll bar, a
+drive, a rack.
 
     kind: car
     chassis: {...}
@@ -38,8 +39,9 @@ AnySteering = SteeringGear | RecirculatingBall
 
 @dataclass(frozen=True, kw_only=True)
 class Car:
-    """Data of a car; lengths in the design frame, left side. category: what its figures are compared with; steering: of the
-    first axle. transfer: what connects two driven axles, or a list of such. hitch: centre of the ball that a trailer hangs on [m]."""
+    """Data of a car; lengths in the design frame, left side. category: what its figures are compared with; steering: of
+    the first axle. transfer: what connects two driven axles, or a list of such. hitch: centre of the ball that a
+    trailer hangs on [m]."""
 
     category: Category = 'saloon'
     chassis: Part
@@ -55,14 +57,26 @@ class Car:
     def __post_init__(self) -> None:
         require(2 <= len(self.axles) <= 4, 'car', 'axles', len(self.axles), 'a car has two to four of them')
         along = [axle.suspension.wheel.center[0] for axle in self.axles]
-        require(all(a > b for a, b in pairwise(along)), 'car', 'axles', along, 'must stand one behind the other, from front to rear')
+        require(
+            all(a > b for a, b in pairwise(along)),
+            'car',
+            'axles',
+            along,
+            'must stand one behind the other, from front to rear',
+        )
         brakes = sum(s.brake.share for axle in self.axles for s in (axle.suspension, axle.right or axle.suspension))
         require(abs(brakes - 1.0) < 1e-9, 'car', 'brake', brakes, 'the shares of all wheels must add up to 1')
         driven = [axle.drive.share for axle in self.axles if axle.drive is not None]
         require(bool(driven), 'car', 'drive', None, 'no axle is driven: give one a drive')
         for share in driven:
             finite('car', 'share', share, low=0.0)
-        require(abs(sum(driven) - 1.0) < 1e-9, 'car', 'share', sum(driven), 'the shares of the driven axles must add up to 1')
+        require(
+            abs(sum(driven) - 1.0) < 1e-9,
+            'car',
+            'share',
+            sum(driven),
+            'the shares of the driven axles must add up to 1',
+        )
         first = self.axles[0]
         needs = 'it needs a double_wishbone, a macpherson, a multi_link with a tie_rod, or a live_axle with kingpins'
         steered = first.suspension.steering_arm() is not None
@@ -70,7 +84,13 @@ class Car:
         require(first.rack is None, 'car', 'rack', 'given', 'the first axle has the rack of `steering`: remove it')
         for axle in self.axles[1:]:
             follows = axle.rack is None or axle.suspension.steering_arm() is not None
-            require(follows, f'axle {axle.name!r}', 'rack', 'given', f'a {axle.suspension.kind} like this one has no rod to it; {needs}')
+            require(
+                follows,
+                f'axle {axle.name!r}',
+                'rack',
+                'given',
+                f'a {axle.suspension.kind} like this one has no rod to it; {needs}',
+            )
         require_behind(self.trailer, self.hitch, along[-1])
 
 
@@ -89,7 +109,9 @@ def car_model(car: Car) -> ModelSpec:
         if axle.rack is not None:
             parts, racks[axle.name] = following_rack(axle.name, axle.rack, bases[axle.name])
             following.append(parts)
-    corners = {axle.name: suspensions(axle, Structure(chassis, bases[axle.name], racks.get(axle.name))) for axle in car.axles}
+    corners = {
+        axle.name: suspensions(axle, Structure(chassis, bases[axle.name], racks.get(axle.name))) for axle in car.axles
+    }
     bars = [axle_bar(axle, bases[axle.name], corners[axle.name]) for axle in car.axles]
     parts = joined(
         (
@@ -109,7 +131,9 @@ def car_model(car: Car) -> ModelSpec:
     assert linkage is not None
     both = (linkage,) if isinstance(first.suspension, LiveAxle) else (linkage, linkage.mirrored())
     lock = car.steering.ends_at(both, arm)
-    model = ModelSpec(**parts.sections, gravity=(0.0, 0.0, -car.gravity), chassis='chassis', category=car.category, lock=lock)
+    model = ModelSpec(
+        **parts.sections, gravity=(0.0, 0.0, -car.gravity), chassis='chassis', category=car.category, lock=lock
+    )
     return ModelSpec(**{**model.__dict__, 'inputs': used_inputs(model)})
 
 
@@ -125,10 +149,15 @@ def drives(
     shafts = {name: drive for name, drive in given.items() if isinstance(drive, Propshaft)}
     require_beginning(shafts)
     power = None if car.engine is None else car.engine.power
-    based = {name: Base(chassis, bases[name], engine, len(given) == 1, len(shafts) == 1, {}, turning(power)) for name in given}
+    based = {
+        name: Base(chassis, bases[name], engine, len(given) == 1, len(shafts) == 1, {}, turning(power))
+        for name in given
+    }
     found = {name: drive.housing(name, based[name], corners[name]) for name, drive in given.items()}
     housings = {name: housing for name, housing in found.items() if housing is not None}
-    driven = {name: drive.parts(name, based[name]._replace(housings=housings), corners[name]) for name, drive in given.items()}
+    driven = {
+        name: drive.parts(name, based[name]._replace(housings=housings), corners[name]) for name, drive in given.items()
+    }
     between = () if car.transfer is None else (car.transfer,) if isinstance(car.transfer, Transfer) else car.transfer
     return joined(
         (
@@ -146,10 +175,20 @@ def powered(data: Power, driven: dict[str, Driven], engine: RigidBodySpec | None
     for axle, one in driven.items():
         require(one.shaft is not None or one.inside, 'power', f'drive of axle {axle}', one.kind, reached)
     inside = [axle for axle, one in driven.items() if one.inside]
-    require(len(inside) <= 1, 'power', 'axles', ', '.join(inside), 'a gearbox has one differential: give the others propeller shafts')
+    require(
+        len(inside) <= 1,
+        'power',
+        'axles',
+        ', '.join(inside),
+        'a gearbox has one differential: give the others propeller shafts',
+    )
     alone = data.final == 1.0 or bool(inside)
     require(
-        alone, 'power', 'final', data.final, 'belongs to a differential in the gearbox: leave it out, a propeller shaft has its own ratio'
+        alone,
+        'power',
+        'final',
+        data.final,
+        'belongs to a differential in the gearbox: leave it out, a propeller shaft has its own ratio',
     )
     assert engine is not None
     return data.parts(engine, divided(driven.values(), data.final), across=bool(inside))

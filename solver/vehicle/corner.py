@@ -1,15 +1,17 @@
-"""Corners of a car with one degree of freedom of suspension: a knuckle on a MacPherson strut (front) or on a trailing arm (rear).
+"""Corners of a car with one degree of freedom of suspension: a knuckle on a MacPherson strut (front) or on a trailing
+arm (rear).
 
-Data are given for the left side, in the design frame of solver.vehicle.hardpoints; the right side is mirrored. Names end in the
-corner: `front_left`. Beside the coordinates of its joints a corner has those of solver.vehicle.wheel_end.
+Data are given for the left side, in the design frame of solver.vehicle.hardpoints; the right side is mirrored. Names
+end in the corner: `front_left`. Beside the coordinates of its joints a corner has those of solver.vehicle.wheel_end.
 
-Springs are free at a length the template finds by virtual work, so that the design position is the static equilibrium of the
-stated wheel load: per unit of wheel travel at rest
+Springs are free at a length the template finds by virtual work, so that the design position is the static equilibrium
+of the stated wheel load: per unit of wheel travel at rest
 
     load * z'(contact) - sum of weights * z'(centres of mass) = F * L'(spring)           F tension, L length
 
-where ' is the derivative by the travel with the suspension's own kinematics. Neglected: the small lateral force of a cambered
-tire at rest, and that the loaded radius of the tire differs from the height given for the wheel centre by the fit of its data.
+where ' is the derivative by the travel with the suspension's own kinematics. Neglected: the small lateral force of a
+cambered tire at rest, and that the loaded radius of the tire differs from the height given for the wheel centre by the
+fit of its data.
 """
 
 from __future__ import annotations
@@ -50,7 +52,8 @@ class Spring:
 
 @dataclass(frozen=True, kw_only=True)
 class Damper:
-    """Damper between a point of the chassis and one of the knuckle [m]; law: force [N] over rate of length [m/s], rebound positive."""
+    """Damper between a point of the chassis and one of the knuckle [m]; law: force [N] over rate of length [m/s],
+    rebound positive."""
 
     chassis: Point
     knuckle: Point
@@ -65,8 +68,9 @@ class Axle:
     """Data that both kinds of axle have. knuckle: everything that moves with the suspension and does not turn with the
     wheel.
 
-    stops: force [N] over wheel travel [m], positive in bump, zero in the design position. anti_roll_bar: force at each wheel per
-    left-right difference of wheel travel [N/m]. turn_slip: whether it acts at the tires; null: against parking alone.
+    stops: force [N] over wheel travel [m], positive in bump, zero in the design position. anti_roll_bar: force at each
+    wheel per left-right difference of wheel travel [N/m]. turn_slip: whether it acts at the tires; null: against
+    parking alone.
     """
 
     wheel: Wheel
@@ -86,12 +90,13 @@ class Axle:
 
 @dataclass(frozen=True, kw_only=True)
 class StrutAxle(Axle):
-    """MacPherson struts, steered by tie rods from a rack. The knuckle carries the tube of the strut, whose axis passes through the top
-    mount; arm and tie rod have no mass.
+    """MacPherson struts, steered by tie rods from a rack. The knuckle carries the tube of the strut, whose axis passes
+    through the top mount; arm and tie rod have no mass.
 
-    top_mount: on the chassis [m]; strut: another point of the axis of the strut, on the knuckle [m]; ball_joint: of the lower arm, on the
-    knuckle [m]; arm_pivots: two points of the axis of the lower arm, on the chassis [m]; tie_rod_rack, tie_rod_knuckle: ends of the tie
-    rod [m]. The wheel turns about the line through ball joint and top mount.
+    top_mount: on the chassis [m]; strut: another point of the axis of the strut, on the knuckle [m]; ball_joint: of the
+    lower arm, on the knuckle [m]; arm_pivots: two points of the axis of the lower arm, on the chassis [m];
+    tie_rod_rack, tie_rod_knuckle: ends of the tie rod [m]. The wheel turns about the line through ball joint and top
+    mount.
     """
 
     top_mount: Point
@@ -109,7 +114,8 @@ class StrutAxle(Axle):
             require(high, 'strut axle', 'top_mount', self.top_mount, f'must lie above {name} by at least {least:.3g} m')
 
     def rods(self) -> tuple[tuple[Vector, Vector], ...]:
-        """The massless rods that hold the knuckle, each from its inner to its outer end: both legs of the arm, the tie rod."""
+        """The massless rods that hold the knuckle, each from its inner to its outer end: both legs of the arm, the tie
+        rod."""
         front, rear = self.arm_pivots
         return (front, self.ball_joint), (rear, self.ball_joint), (self.tie_rod_rack, self.tie_rod_knuckle)
 
@@ -118,7 +124,8 @@ class StrutAxle(Axle):
         return Linkage(self.ball_joint, self.top_mount, self.tie_rod_rack, self.tie_rod_knuckle)
 
     def steering_arm(self) -> float:
-        """Distance of the tie rod from the steering axis along x [m], negative behind it; see Suspension.steering_arm."""
+        """Distance of the tie rod from the steering axis along x [m], negative behind it; see
+        Suspension.steering_arm."""
         linkage = self.steered()
         return ahead(linkage.low, linkage.high, linkage.outer)
 
@@ -149,7 +156,8 @@ def corner_bodies(axle: Axle, corner: str, side: str) -> tuple[RigidBodySpec, Ri
 
 
 def suspension_motion(axle: Axle) -> TravelVelocity:
-    """Motion of the left knuckle in the design position with the rack held, scaled to unit vertical velocity of the wheel centre."""
+    """Motion of the left knuckle in the design position with the rack held, scaled to unit vertical velocity of the
+    wheel centre."""
     if isinstance(axle, StrutAxle):
         return strut_motion(axle)
     assert isinstance(axle, ArmAxle)
@@ -159,7 +167,8 @@ def suspension_motion(axle: Axle) -> TravelVelocity:
 
 
 def strut_motion(axle: StrutAxle) -> TravelVelocity:
-    """The same of a strut: no rod changes its length, and the material point of the axis in the top mount moves along the axis."""
+    """The same of a strut: no rod changes its length, and the material point of the axis in the top mount moves along
+    the axis."""
     center = np.array(axle.wheel.center)
 
     def row(direction: np.ndarray, point: Vector) -> np.ndarray:
@@ -172,7 +181,13 @@ def strut_motion(axle: StrutAxle) -> TravelVelocity:
     try:
         twist = inverse(np.array([row(np.array([0.0, 0.0, 1.0]), axle.wheel.center), *rows]))[:, 0]
     except ZeroDivisionError:
-        require(False, 'strut axle', 'arm_pivots', axle.arm_pivots, 'do not lead the wheel up and down, with strut and tie rod as they are')
+        require(
+            False,
+            'strut axle',
+            'arm_pivots',
+            axle.arm_pivots,
+            'do not lead the wheel up and down, with strut and tie rod as they are',
+        )
     return TravelVelocity(center, twist[:3], twist[3:])
 
 
@@ -183,11 +198,14 @@ def length_rate(element: Spring | Damper, motion: TravelVelocity) -> float:
 
 
 def free_length(axle: Axle, load: float, gravity: float) -> float:
-    """Free length [m] of the spring with which the design position is in equilibrium; load: static load of the tire [N]."""
+    """Free length [m] of the spring with which the design position is in equilibrium; load: static load of the tire
+    [N]."""
     motion = suspension_motion(axle)
     x, y, _ = axle.wheel.center
     force = load * motion.at((x, y, 0.0))[2]
-    force -= gravity * (axle.knuckle.mass * motion.at(axle.knuckle.com)[2] + axle.wheel.mass * motion.at(axle.wheel.center)[2])
+    force -= gravity * (
+        axle.knuckle.mass * motion.at(axle.knuckle.com)[2] + axle.wheel.mass * motion.at(axle.wheel.center)[2]
+    )
     tension = force / length_rate(axle.spring, motion)
     return distance(axle.spring.chassis, axle.spring.knuckle) - tension / axle.spring.rate
 
@@ -222,11 +240,15 @@ def corner(
     own = Parts(
         joints=suspension,
         spring_dampers=(
-            SpringDamperSpec(name=f'spring_{name}', i=spring_i, j=spring_j, free_length=free, spring=Law.linear(axle.spring.rate)),
+            SpringDamperSpec(
+                name=f'spring_{name}', i=spring_i, j=spring_j, free_length=free, spring=Law.linear(axle.spring.rate)
+            ),
             SpringDamperSpec(name=f'damper_{name}', i=damper_i, j=damper_j, free_length=0.0, damper=axle.damper.law),
         ),
         coordinate_forces=(
-            (CoordinateForceSpec(name=f'stop_{name}', terms=((f'travel_{name}', 1.0),), spring=axle.stops),) if axle.stops else ()
+            (CoordinateForceSpec(name=f'stop_{name}', terms=((f'travel_{name}', 1.0),), spring=axle.stops),)
+            if axle.stops
+            else ()
         ),
     )
     end = wheel_end(name, side, wheel, knuckle, chassis, tire=axle.tire, turn_slip=axle.turn_slip, brake=brake)
@@ -236,7 +258,8 @@ def corner(
 def strut_joints(
     axle: StrutAxle, name: str, side: str, chassis: RigidBodySpec, knuckle: RigidBodySpec, rack: RigidBodySpec
 ) -> tuple[JointSpec, ...]:
-    """The strut slides and turns in the top mount, both legs of the arm lead the ball joint, the tie rod holds the angle of steering."""
+    """The strut slides and turns in the top mount, both legs of the arm lead the ball joint, the tie rod holds the
+    angle of steering."""
     axis = on_side(side, vector_of(np.subtract(axle.top_mount, axle.strut)))
     top = on_side(side, axle.top_mount)
     rods = [
@@ -247,15 +270,23 @@ def strut_joints(
             j=marker_at(knuckle, on_side(side, outer)),
             length=distance(inner, outer),
         )
-        for (rod, base), (inner, outer) in zip((('arm_front', chassis), ('arm_rear', chassis), ('tie_rod', rack)), axle.rods(), strict=True)
+        for (rod, base), (inner, outer) in zip(
+            (('arm_front', chassis), ('arm_rear', chassis), ('tie_rod', rack)), axle.rods(), strict=True
+        )
     ]
-    strut = JointSpec(name=f'strut_{name}', kind='point_on_line', i=marker_at(knuckle, top, axis), j=marker_at(chassis, top))
+    strut = JointSpec(
+        name=f'strut_{name}', kind='point_on_line', i=marker_at(knuckle, top, axis), j=marker_at(chassis, top)
+    )
     return (strut, *rods)
 
 
-def arm_joints(axle: ArmAxle, name: str, side: str, chassis: RigidBodySpec, knuckle: RigidBodySpec) -> tuple[JointSpec, ...]:
+def arm_joints(
+    axle: ArmAxle, name: str, side: str, chassis: RigidBodySpec, knuckle: RigidBodySpec
+) -> tuple[JointSpec, ...]:
     """The arm turns about its pivots; its angle is positive in bump on both sides."""
     at = on_side(side, axle.pivot_inner)
     # a mirrored rotation is that about the mirrored axis in the opposite sense
     axis = tuple(SIDES[side] * c for c in on_side(side, tuple(np.subtract(axle.pivot_outer, axle.pivot_inner))))
-    return (JointSpec(name=f'arm_{name}', kind='revolute', i=marker_at(chassis, at, axis), j=marker_at(knuckle, at, axis)),)
+    return (
+        JointSpec(name=f'arm_{name}', kind='revolute', i=marker_at(chassis, at, axis), j=marker_at(knuckle, at, axis)),
+    )

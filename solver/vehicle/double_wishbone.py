@@ -3,8 +3,8 @@
     upright    ball joints to: upper arm, lower link (lateral), radius link, tie rod
     coil-over  tube on the lower link, rod in the top mount, both bodies of their own
 
-The two lower links have separate ball joints, so the wheel turns about a virtual axis through the crossing point of their lines.
-The lower link carries coil-over and drop link.
+The two lower links have separate ball joints, so the wheel turns about a virtual axis through the crossing point of
+their lines. The lower link carries coil-over and drop link.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ RADIUS = 0.025  # of the cylinders whose inertia tube and rod have [m]
 class CoilOver:
     """Damper and spring on one axis from `lower` (on the lower link) to `upper` (on the chassis) [m].
 
-    tube_mass, rod_mass [kg]: each with its half of the spring. mount, eye: bushings on top and below; without them the rod hangs
-    in a spherical and the tube in a universal joint.
+    tube_mass, rod_mass [kg]: each with its half of the spring. mount, eye: bushings on top and below; without them the
+    rod hangs in a spherical and the tube in a universal joint.
     """
 
     lower: Point
@@ -68,7 +68,8 @@ class CoilOver:
 
 @dataclass(frozen=True, kw_only=True)
 class DoubleWishbone(IndependentSuspension):
-    """Data of the left wheel suspension; see the module. tie_rod: on the rack, or on the subframe of an axle that is not steered."""
+    """Data of the left wheel suspension; see the module. tie_rod: on the rack, or on the subframe of an axle that is
+    not steered."""
 
     kind: Literal['double_wishbone'] = 'double_wishbone'
     upper_arm: Arm
@@ -116,7 +117,14 @@ def coil_over(name: str, data: CoilOver, structure: Structure, arm: RigidBodySpe
     length = distance(a, b)
     own = Parts(
         bodies=(tube, rod),
-        joints=(JointSpec(name=f'damper_{name}', kind='prismatic', i=marker_at(tube, middle, slide), j=marker_at(rod, middle, slide)),),
+        joints=(
+            JointSpec(
+                name=f'damper_{name}',
+                kind='prismatic',
+                i=marker_at(tube, middle, slide),
+                j=marker_at(rod, middle, slide),
+            ),
+        ),
         spring_dampers=(
             spring_of(f'spring_{name}', data.spring, *ends, length),
             damper_of(f'damper_{name}', data.damper, *ends, length),
@@ -125,7 +133,16 @@ def coil_over(name: str, data: CoilOver, structure: Structure, arm: RigidBodySpe
     return joined(
         (
             own,
-            mounting(f'damper_mount_{name}', structure.chassis, rod, (data.upper,), data.mount, ideal='spherical', side=side, axis=axis),
+            mounting(
+                f'damper_mount_{name}',
+                structure.chassis,
+                rod,
+                (data.upper,),
+                data.mount,
+                ideal='spherical',
+                side=side,
+                axis=axis,
+            ),
             mounting(f'damper_eye_{name}', arm, tube, (data.lower,), data.eye, ideal='universal', side=side, axis=axis),
         )
     )

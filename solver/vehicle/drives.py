@@ -19,7 +19,18 @@ from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import require
 from solver.vehicle.hardpoints import marker_at
-from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Corner, Part, Parts, joined, mounting, require_positive, require_resisting
+from solver.vehicle.parts import (
+    LEFTWARDS,
+    UP,
+    Bushing,
+    Corner,
+    Part,
+    Parts,
+    joined,
+    mounting,
+    require_positive,
+    require_resisting,
+)
 from solver.vehicle.powertrain import (
     Base,
     Driveline,
@@ -39,7 +50,8 @@ from solver.vehicle.wheel_end import spin_axis
 
 @dataclass(frozen=True, kw_only=True)
 class PropshaftDrive(Driveline):
-    """Propeller shaft, differential on the subframe, half shafts. share: of the drive torque that goes to the axle [-]."""
+    """Propeller shaft, differential on the subframe, half shafts. share: of the drive torque that goes to the axle
+    [-]."""
 
     kind: Literal['propshaft'] = 'propshaft'
     share: float = 1.0
@@ -57,8 +69,8 @@ class PropshaftDrive(Driveline):
 
 @dataclass(frozen=True, kw_only=True)
 class HalfShaftDrive(HalfShafts):
-    """A differential with half shafts, without a propeller shaft of its own. differential: its housing on identical mounts at `mounts`;
-    None: it is a part of the engine. share: of the drive torque that goes to the axle [-]."""
+    """A differential with half shafts, without a propeller shaft of its own. differential: its housing on identical
+    mounts at `mounts`; None: it is a part of the engine. share: of the drive torque that goes to the axle [-]."""
 
     kind: Literal['half_shafts'] = 'half_shafts'
     share: float = 1.0
@@ -78,7 +90,9 @@ class HalfShaftDrive(HalfShafts):
             housing, own = base.powered(axle), Parts()
         else:
             housing = self.differential.body(name, self.differential.com)
-            feet = mounting(f'{name}_mount', base.subframe, housing, self.mounts, self.mount_bushing, ideal='fixed', axis=UP)
+            feet = mounting(
+                f'{name}_mount', base.subframe, housing, self.mounts, self.mount_bushing, ideal='fixed', axis=UP
+            )
             own = joined((Parts(bodies=(housing,)), feet))
         shafts, outputs = half_shafts(self, housing, {side: corner.wheel for side, corner in corners.items()}, axle)
         drive = Parts(coordinate_forces=(open_differential(name, outputs, share=self.share, top_speed=self.top_speed),))
@@ -88,13 +102,17 @@ class HalfShaftDrive(HalfShafts):
 
     def housing(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> RigidBodySpec | None:
         """Housing of the differential, None for one in the gearbox."""
-        return None if self.differential is None else self.differential.body(base.name('differential', axle), self.differential.com)
+        return (
+            None
+            if self.differential is None
+            else self.differential.body(base.name('differential', axle), self.differential.com)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiveAxleDrive(Propshaft):
-    """A propeller shaft to the differential in the housing of a live axle. share: of the drive torque that goes to the axle [-].
-    limited_slip, top_speed, rotor: as of HalfShafts."""
+    """A propeller shaft to the differential in the housing of a live axle. share: of the drive torque that goes to the
+    axle [-]. limited_slip, top_speed, rotor: as of HalfShafts."""
 
     kind: Literal['live_axle'] = 'live_axle'
     share: float = 1.0
@@ -110,12 +128,19 @@ class LiveAxleDrive(Propshaft):
     def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> Driven:
         """The drive of an axle."""
         housing = self.housing(axle, base, corners)
-        require(housing is not None, f'drive of axle {axle!r}', 'kind', self.kind, 'is for a suspension of this kind: choose half_shafts')
+        require(
+            housing is not None,
+            f'drive of axle {axle!r}',
+            'kind',
+            self.kind,
+            'is for a suspension of this kind: choose half_shafts',
+        )
         assert housing is not None
         turning, shaft = propeller_shaft(self, base, housing, axle)
         outputs = (f'wheel_{axle}_left', f'wheel_{axle}_right')
         shafts: tuple[CoordinateSpec, ...] = ()
-        if corners['left'].upright.name != housing.name:  # through joints in the kingpins: the torque turns the knuckles about these
+        # through joints in the kingpins: the torque turns the knuckles about these
+        if corners['left'].upright.name != housing.name:
             outputs = (f'shaft_{axle}_left', f'shaft_{axle}_right')
             shafts = tuple(wheel_shaft(f'{axle}_{side}', housing, corner.wheel) for side, corner in corners.items())
         forces = open_differential(base.name('differential', axle), outputs, share=self.share, top_speed=self.top_speed)
@@ -134,9 +159,9 @@ class LiveAxleDrive(Propshaft):
 
 @dataclass(frozen=True, kw_only=True)
 class Motors:
-    """A motor per wheel: `chassis` on the chassis, with ideal shafts, `upright` in the wheel. share: of the drive torque that goes to
-    the axle [-], half to each wheel. top_speed: speed of the wheel at which it ends [rad/s]. rotor: of each of them
-    (None: its inertia is not modelled)."""
+    """A motor per wheel: `chassis` on the chassis, with ideal shafts, `upright` in the wheel. share: of the drive
+    torque that goes to the axle [-], half to each wheel. top_speed: speed of the wheel at which it ends [rad/s]. rotor:
+    of each of them (None: its inertia is not modelled)."""
 
     kind: Literal['motors'] = 'motors'
     share: float = 1.0
@@ -153,7 +178,9 @@ class Motors:
         outputs = (f'wheel_{axle}_left', f'wheel_{axle}_right')
         if self.on == 'chassis':
             outputs = (f'shaft_{axle}_left', f'shaft_{axle}_right')
-            shafts = tuple(wheel_shaft(f'{axle}_{side}', base.chassis, corner.wheel) for side, corner in corners.items())
+            shafts = tuple(
+                wheel_shaft(f'{axle}_{side}', base.chassis, corner.wheel) for side, corner in corners.items()
+            )
         forces = tuple(
             CoordinateForceSpec(
                 name=f'motor_{axle}_{side}', terms=((output, 1.0),), input='drive_torque',
@@ -168,7 +195,9 @@ class Motors:
             )
             for (side, corner), output in zip(corners.items(), outputs, strict=True)
         )  # fmt: skip
-        return Driven(joined((Parts(coordinates=shafts, coordinate_forces=forces), *turning)), self.kind, self.share, outputs)
+        return Driven(
+            joined((Parts(coordinates=shafts, coordinate_forces=forces), *turning)), self.kind, self.share, outputs
+        )
 
     def housing(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> None:
         """Motors have none."""
@@ -178,8 +207,8 @@ Drive = PropshaftDrive | HalfShaftDrive | LiveAxleDrive | Motors
 
 
 def wheel_shaft(corner: str, base: RigidBodySpec, wheel: RigidBodySpec) -> CoordinateSpec:
-    """Coordinate shaft_<corner>: rotation of a wheel against the chassis, or the housing of a live axle, as an ideal shaft with
-    constant-velocity joints has it."""
+    """Coordinate shaft_<corner>: rotation of a wheel against the chassis, or the housing of a live axle, as an ideal
+    shaft with constant-velocity joints has it."""
     return CoordinateSpec(
         name=f'shaft_{corner}', kind='rotation', i=marker_at(base, wheel.position, LEFTWARDS),
         j=marker_at(wheel, wheel.position, spin_axis(wheel)),

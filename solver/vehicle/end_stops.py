@@ -14,8 +14,10 @@ from typing import NamedTuple
 
 from solver.validate import Vector
 
-MARGIN = math.radians(20.0)  # angle of transmission that is left at the end; with a tenth of it a linkage locks by its friction
-STEP = 0.05  # of the steering wheel between two looks [rad]; with ten times as much an end within half a turn may be passed over
+# angle of transmission that is left at the end; with a tenth of it a linkage locks by its friction
+MARGIN = math.radians(20.0)
+# of the steering wheel between two looks [rad]; with ten times as much an end within half a turn may be passed over
+STEP = 0.05
 FURTHEST = 30.0  # of the steering wheel [rad], to a side: lorries have 18; what ends beyond has no end
 LOCK_ROUNDED_TO = 0.01  # of the end that is found [rad]: rounding of a processor does not show in it
 
@@ -57,18 +59,22 @@ def rotated(axis: Vector, angle: float, a: Vector) -> Vector:
 
 
 def lock_of(linkages: Iterable[Linkage], moves: Callable[[float], Vector]) -> float | None:
-    """Angle of the steering wheel to either side at which the first of these linkages ends [rad]; None where none of them does.
+    """Angle of the steering wheel to either side at which the first of these linkages ends [rad]; None where none of
+    them does.
 
     moves: way of the inner ball [m] at an angle of the steering wheel [rad].
     """
     ends = [_end(one, lambda x, way=way: moves(way * x)) for one in linkages for way in (1.0, -1.0)]  # type: ignore[misc]
     found = min(ends, default=FURTHEST)
-    return None if found >= FURTHEST or found <= STEP else round(LOCK_ROUNDED_TO * math.floor(found / LOCK_ROUNDED_TO), 2)
+    return (
+        None if found >= FURTHEST or found <= STEP else round(LOCK_ROUNDED_TO * math.floor(found / LOCK_ROUNDED_TO), 2)
+    )
 
 
 def _end(linkage: Linkage, moves: Callable[[float], Vector]) -> float:
     """Angle of the steering wheel [rad] to one side."""
-    # Plain numbers: a car is looked at a thousand times when it is read, and arrays of three would take ten times as long.
+    # Plain numbers: a car is looked at a thousand times when it is read, and arrays of three would take ten times as
+    # long.
     low, high, inner, outer = linkage
     line, arm, rod = plus(high, -1.0, low), plus(outer, -1.0, low), plus(outer, -1.0, inner)
     axis, length = plus((0.0, 0.0, 0.0), 1.0 / math.hypot(*line), line), math.hypot(*rod)

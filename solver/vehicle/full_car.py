@@ -23,7 +23,8 @@ from solver.vehicle.trailer import Trailer
 
 @dataclass(frozen=True, kw_only=True)
 class FullCar:
-    """Data of the full car; lengths in the design frame, left side. hitch: centre of the ball that a trailer hangs on [m]."""
+    """Data of the full car; lengths in the design frame, left side. hitch: centre of the ball that a trailer hangs on
+    [m]."""
 
     chassis: Part
     front_subframe: Subframe
@@ -47,10 +48,19 @@ class FullCar:
     def car(self) -> Car:
         """The same car by its axles."""
         drive = PropshaftDrive(**{f.name: getattr(self.driveline, f.name) for f in fields(Driveline)})
-        front = Axle(name='front', suspension=self.front, subframe=self.front_subframe, anti_roll_bar=self.anti_roll_front)
-        rear = Axle(name='rear', suspension=self.rear, subframe=self.rear_subframe, anti_roll_bar=self.anti_roll_rear, drive=drive)
+        front = Axle(
+            name='front', suspension=self.front, subframe=self.front_subframe, anti_roll_bar=self.anti_roll_front
+        )
+        rear = Axle(
+            name='rear',
+            suspension=self.rear,
+            subframe=self.rear_subframe,
+            anti_roll_bar=self.anti_roll_rear,
+            drive=drive,
+        )
         return Car(
-            chassis=self.chassis, axles=(front, rear), steering=self.steering, engine=self.engine, aero=self.aero, hitch=self.hitch,
+            chassis=self.chassis, axles=(front, rear), steering=self.steering, engine=self.engine, aero=self.aero,
+            hitch=self.hitch,
             trailer=self.trailer, gravity=self.gravity,
         )  # fmt: skip
 

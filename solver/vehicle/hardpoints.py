@@ -1,7 +1,7 @@
 """Hardpoints: markers and joints from points of the vehicle in its design position.
 
-All points and axes are given in the vehicle's design frame: x forward, y left, z up, origin midway between the axles on the
-ground, which is also where the chassis has its reference frame. The left side is given, the right side is mirrored.
+All points and axes are given in the vehicle's design frame: x forward, y left, z up, origin midway between the axles on
+the ground, which is also where the chassis has its reference frame. The left side is given, the right side is mirrored.
 """
 
 from __future__ import annotations
@@ -30,12 +30,16 @@ def axes_along(what: str, axis: Sequence[float], x_axis: Sequence[float] | None 
 
 
 def marker_at(
-    body: RigidBodySpec, point: Sequence[float], z_axis: Sequence[float] | None = None, x_axis: Sequence[float] | None = None
+    body: RigidBodySpec,
+    point: Sequence[float],
+    z_axis: Sequence[float] | None = None,
+    x_axis: Sequence[float] | None = None,
 ) -> Marker:
-    """The marker on a body at a point [m] of the design frame, in which body.position and body.orientation are given too.
+    """The marker on a body at a point [m] of the design frame, in which body.position and body.orientation are given
+    too.
 
-    z_axis, x_axis: directions of its axes in the design frame, as in solver.files.mechanism.frame_of_axis. Without z_axis the marker
-    is parallel to the design frame. Raises SpecError for zero or parallel axes.
+    z_axis, x_axis: directions of its axes in the design frame, as in solver.files.mechanism.frame_of_axis. Without
+    z_axis the marker is parallel to the design frame. Raises SpecError for zero or parallel axes.
     """
     R_DB = matrix(body.orientation)
     R_DM = np.eye(3) if z_axis is None else axes_along(f'what is attached to {body.name!r}', z_axis, x_axis)
@@ -56,10 +60,13 @@ def on_side(side: str, point: Sequence[float]) -> Vector:
 
 
 def ahead(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndarray, point: Sequence[float]) -> float:
-    """Distance of a point from the line through `low` and `high` along x, at its height [m]. Raises SpecError for a level line."""
+    """Distance of a point from the line through `low` and `high` along x, at its height [m]. Raises SpecError for a
+    level line."""
     a, b, p = (np.array(one, float) for one in (low, high, point))
     if abs(b[2] - a[2]) < 1e-3:
-        raise SpecError(f'steering axis: its points {low} and {high} are at the same height; one must lie above the other')
+        raise SpecError(
+            f'steering axis: its points {low} and {high} are at the same height; one must lie above the other'
+        )
     return float(p[0] - (a + (b - a) * (p[2] - a[2]) / (b[2] - a[2]))[0])
 
 

@@ -1,11 +1,12 @@
-"""Leaf spring as three links: both ends of the leaf are rigid and turn on elastic hinges at the clamped middle, which is the axle.
+"""Leaf spring as three links: both ends of the leaf are rigid and turn on elastic hinges at the clamped middle, which
+is the axle.
 
     chassis -eye- front half ~hinge~ axle ~hinge~ rear half -ball- shackle -pin- chassis
 
-A leaf of uniform strength bends to a circle: with the curvature c its end of length L moves by z = c L^2/2 and comes in by c^2 L^3/6 =
-2 z^2/(3 L), as on an arc of the radius 3 L/4. So each hinge stands a quarter of the half length from the axle, and its rate about the
-axis across is (3 L/4)^2 times the rate of that half. The two halves share rate and load such that a vertical deflection does not turn
-the axle. Friction between leaves is not modelled: `loss` is viscous.
+A leaf of uniform strength bends to a circle: with the curvature c its end of length L moves by z = c L^2/2 and comes in
+by c^2 L^3/6 = 2 z^2/(3 L), as on an arc of the radius 3 L/4. So each hinge stands a quarter of the half length from the
+axle, and its rate about the axis across is (3 L/4)^2 times the rate of that half. The two halves share rate and load
+such that a vertical deflection does not turn the axle. Friction between leaves is not modelled: `loss` is viscous.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ RADIUS = 0.02  # of the cylinders whose inertia the halves and the shackle have 
 class LeafSpring:
     """Data of the left spring in the design position.
 
-    front_eye, rear_eye: its ends, seat: its middle on the axle, shackle: upper pin of the shackle [m]. rate at the seat [N/m], load there
-    [N]; mass of the leaves [kg], shackle_mass [kg]. radial, lateral [N/m], twist (about the leaf) and bend (about the vertical)
-    [N m/rad]: rates of each hinge. loss: damping over stiffness [s]. eye: bushing of the front eye, pin: of the shackle on the chassis;
-    without them these are revolute joints.
+    front_eye, rear_eye: its ends, seat: its middle on the axle, shackle: upper pin of the shackle [m]. rate at the seat
+    [N/m], load there [N]; mass of the leaves [kg], shackle_mass [kg]. radial, lateral [N/m], twist (about the leaf) and
+    bend (about the vertical) [N m/rad]: rates of each hinge. loss: damping over stiffness [s]. eye: bushing of the
+    front eye, pin: of the shackle on the chassis; without them these are revolute joints.
     """
 
     front_eye: Point
@@ -70,7 +71,8 @@ def leaf_spring(name: str, data: LeafSpring, chassis: RigidBodySpec, axle: Rigid
     total = distance(eyes['front'], seat) + distance(eyes['rear'], seat)
     halves, parts = {}, []
     for end, other in (('front', 'rear'), ('rear', 'front')):
-        share = arms[other] / (arms['front'] + arms['rear'])  # of rate and load, so that the moments of both hinges balance
+        # of rate and load, so that the moments of both hinges balance
+        share = arms[other] / (arms['front'] + arms['rear'])
         mass = data.mass * distance(eyes[end], seat) / total
         body = rods(f'leaf_{end}_{name}', ((mass, eyes[end], hinges[end], RADIUS),))
         halves[end] = body
@@ -92,14 +94,32 @@ def leaf_spring(name: str, data: LeafSpring, chassis: RigidBodySpec, axle: Rigid
         )  # fmt: skip
     pin, low = on_side(side, data.shackle), eyes['rear']
     shackle = rods(f'shackle_{name}', ((data.shackle_mass, pin, low, RADIUS),))
-    ball = JointSpec(name=f'shackle_outer_{name}', kind='spherical', i=marker_at(shackle, low), j=marker_at(halves['rear'], low))
+    ball = JointSpec(
+        name=f'shackle_outer_{name}', kind='spherical', i=marker_at(shackle, low), j=marker_at(halves['rear'], low)
+    )
     return joined(
         (
             *parts,
             mounting(
-                f'leaf_eye_{name}', chassis, halves['front'], (data.front_eye,), data.eye, ideal='revolute', side=side, axis=LEFTWARDS
+                f'leaf_eye_{name}',
+                chassis,
+                halves['front'],
+                (data.front_eye,),
+                data.eye,
+                ideal='revolute',
+                side=side,
+                axis=LEFTWARDS,
             ),
             Parts(bodies=(shackle,), joints=(ball,)),
-            mounting(f'shackle_pin_{name}', chassis, shackle, (data.shackle,), data.pin, ideal='revolute', side=side, axis=LEFTWARDS),
+            mounting(
+                f'shackle_pin_{name}',
+                chassis,
+                shackle,
+                (data.shackle,),
+                data.pin,
+                ideal='revolute',
+                side=side,
+                axis=LEFTWARDS,
+            ),
         )
     )

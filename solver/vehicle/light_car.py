@@ -1,10 +1,12 @@
 """The light car: eleven bodies, fourteen degrees of freedom.
 
-    chassis, two front knuckles on MacPherson struts steered by a rack, two rear knuckles on arms, four wheels, rack, steering wheel
+    chassis, two front knuckles on MacPherson struts steered by a rack, two rear knuckles on arms, four wheels, rack,
+    steering wheel
 
-Steering wheel angle, torque at the differential and total brake torque are the inputs. Both side shafts turn at the wheel
-relative to the chassis like shafts with ideal constant-velocity joints: the drive torque reacts on the chassis, where the
-differential is mounted, the brake torque on the knuckles. Names of coordinates and elements: solver.vehicle.corner.
+Steering wheel angle, torque at the differential and total brake torque are the inputs. Both side shafts turn at the
+wheel relative to the chassis like shafts with ideal constant-velocity joints: the drive torque reacts on the chassis,
+where the differential is mounted, the brake torque on the knuckles. Names of coordinates and elements:
+solver.vehicle.corner.
 """
 
 from __future__ import annotations
@@ -40,10 +42,11 @@ INPUTS = ('steering', 'steering_rate', 'steering_acceleration', 'drive_torque', 
 
 @dataclass(frozen=True, kw_only=True)
 class Steering:
-    """Rack and steering wheel. column_axis: axis of rotation, from the rack to the driver. rack_per_turn: travel of the rack per
-    turn of the steering wheel [m]; turning the wheel to the left (positive) steers to the left wherever the tie rods are. rack_damping: of
-    the gear [N s/m], which a steering wheel that nobody holds comes to rest by. lock: angle of the steering wheel at its end stops, to
-    either side [rad]; None: as far as the linkage goes (solver.vehicle.end_stops)."""
+    """Rack and steering wheel. column_axis: axis of rotation, from the rack to the driver. rack_per_turn: travel of the
+    rack per turn of the steering wheel [m]; turning the wheel to the left (positive) steers to the left wherever the
+    tie rods are. rack_damping: of the gear [N s/m], which a steering wheel that nobody holds comes to rest by. lock:
+    angle of the steering wheel at its end stops, to either side [rad]; None: as far as the linkage goes
+    (solver.vehicle.end_stops)."""
 
     rack: Part
     wheel: Part
@@ -59,8 +62,9 @@ class Steering:
 
 @dataclass(frozen=True, kw_only=True)
 class Driveline:
-    """Open differential. driven: its axle. ratio: torque at the differential per unit of the input drive_torque [-]. top_speed: mean speed
-    of the wheels at which the engine's limiter ends the drive torque [rad/s]; None: it never does."""
+    """Open differential. driven: its axle. ratio: torque at the differential per unit of the input drive_torque [-].
+    top_speed: mean speed of the wheels at which the engine's limiter ends the drive torque [rad/s]; None: it never
+    does."""
 
     driven: Literal['front', 'rear'] = 'front'
     ratio: float = 1.0
@@ -80,7 +84,8 @@ class Brakes:
 
 @dataclass(frozen=True, kw_only=True)
 class LightCar:
-    """Data of the light car; lengths in the design frame, for the left side. hitch: centre of the ball that a trailer hangs on [m]."""
+    """Data of the light car; lengths in the design frame, for the left side. hitch: centre of the ball that a trailer
+    hangs on [m]."""
 
     chassis: Part
     front: StrutAxle
@@ -94,18 +99,31 @@ class LightCar:
     gravity: Acceleration = MODEL_GRAVITY
 
     def __post_init__(self) -> None:
-        for name, part in (('chassis', self.chassis), ('steering.rack', self.steering.rack), ('steering.wheel', self.steering.wheel)):
+        for name, part in (
+            ('chassis', self.chassis),
+            ('steering.rack', self.steering.rack),
+            ('steering.wheel', self.steering.wheel),
+        ):
             centred = abs(part.com[1]) < 1e-9
-            require(centred, 'light car', f'{name}.com', part.com, 'must lie in the plane y = 0: the two sides are mirrored')
+            require(
+                centred, 'light car', f'{name}.com', part.com, 'must lie in the plane y = 0: the two sides are mirrored'
+            )
         front, rear = self.front.wheel.center[0], self.rear.wheel.center[0]
-        require(front > rear, 'light car', 'front.wheel.center', front, f'its x must lie ahead of the rear wheels, x = {rear:g} m')
+        require(
+            front > rear,
+            'light car',
+            'front.wheel.center',
+            front,
+            f'its x must lie ahead of the rear wheels, x = {rear:g} m',
+        )
         share = 2.0 * (self.brakes.front.share + self.brakes.rear.share)
         require(abs(share - 1.0) < 1e-9, 'light car', 'brakes', share, 'the shares of the four wheels must add up to 1')
         require_behind(self.trailer, self.hitch, rear)
 
 
 def static_loads(bodies: Sequence[RigidBodySpec], x_front: float, x_rear: float, gravity: float) -> tuple[float, float]:
-    """Static load [N] of one front and one rear tire of a symmetric car: balance of forces and moments in the design position."""
+    """Static load [N] of one front and one rear tire of a symmetric car: balance of forces and moments in the design
+    position."""
     mass = sum(b.mass for b in bodies)
     require(mass > 0.0, 'light car', 'mass', mass, 'must be positive')
     x = sum(b.mass * (b.position[0] + b.com[0]) for b in bodies) / mass
@@ -120,9 +138,13 @@ def light_car_model(car: LightCar) -> ModelSpec:
     column = car.steering.wheel.body('steering_wheel', car.steering.wheel.com)
     axles: dict[str, Axle] = {'front': car.front, 'rear': car.rear}
     brakes = {'front': car.brakes.front, 'rear': car.brakes.rear}
-    unsprung = {(end, side): corner_bodies(axles[end], f'{end}_{side}', side) for end in axles for side in ('left', 'right')}
+    unsprung = {
+        (end, side): corner_bodies(axles[end], f'{end}_{side}', side) for end in axles for side in ('left', 'right')
+    }
     bodies = (chassis, *chain(*unsprung.values()), rack, column)
-    loads = dict(zip(axles, static_loads(bodies, car.front.wheel.center[0], car.rear.wheel.center[0], car.gravity), strict=True))
+    loads = dict(
+        zip(axles, static_loads(bodies, car.front.wheel.center[0], car.rear.wheel.center[0], car.gravity), strict=True)
+    )
     free = {end: free_length(axle, loads[end], car.gravity) for end, axle in axles.items()}
     corners = [
         corner(
@@ -154,7 +176,12 @@ def light_car_model(car: LightCar) -> ModelSpec:
     )
     every = joined((own, towed(car.trailer, car.hitch, chassis)))
     return ModelSpec(
-        **every.sections, gravity=(0.0, 0.0, -car.gravity), inputs=INPUTS, chassis='chassis', category='compact', lock=lock(car)
+        **every.sections,
+        gravity=(0.0, 0.0, -car.gravity),
+        inputs=INPUTS,
+        chassis='chassis',
+        category='compact',
+        lock=lock(car),
     )
 
 
@@ -174,11 +201,16 @@ def lock(car: LightCar) -> float | None:
 def steering(
     car: LightCar, chassis: RigidBodySpec, rack: RigidBodySpec, column: RigidBodySpec
 ) -> tuple[tuple[JointSpec, ...], tuple[CouplerSpec, ...], tuple[CoordinateForceSpec, ...]]:
-    """Rack on the chassis (positive to the left), steering wheel on the chassis, their ratio, the imposed angle, and the damper."""
+    """Rack on the chassis (positive to the left), steering wheel on the chassis, their ratio, the imposed angle, and
+    the damper."""
     at, axis, y = car.steering.wheel.com, car.steering.column_axis, LEFTWARDS
     joints = (
-        JointSpec(name='rack', kind='prismatic', i=marker_at(chassis, rack.position, y), j=marker_at(rack, rack.position, y)),
-        JointSpec(name='steering_wheel', kind='revolute', i=marker_at(chassis, at, axis), j=marker_at(column, at, axis)),
+        JointSpec(
+            name='rack', kind='prismatic', i=marker_at(chassis, rack.position, y), j=marker_at(rack, rack.position, y)
+        ),
+        JointSpec(
+            name='steering_wheel', kind='revolute', i=marker_at(chassis, at, axis), j=marker_at(column, at, axis)
+        ),
     )
     ratio = travel_by_angle(car)
     couplers = (
@@ -193,11 +225,16 @@ def steering(
 def driveline(
     car: LightCar, chassis: RigidBodySpec, wheels: Sequence[RigidBodySpec]
 ) -> tuple[tuple[CoordinateSpec, ...], tuple[CoordinateForceSpec, ...]]:
-    """Side shafts (rotation of the driven wheels relative to the chassis) and the torque an open differential halves between them."""
+    """Side shafts (rotation of the driven wheels relative to the chassis) and the torque an open differential halves
+    between them."""
     shafts = tuple(wheel_shaft(wheel.name.removeprefix('wheel_'), chassis, wheel) for wheel in wheels)
     terms = tuple((shaft.name, 0.5) for shaft in shafts)
     drive = CoordinateForceSpec(
-        name='differential', terms=terms, input='drive_torque', input_gain=car.driveline.ratio, top_rate=car.driveline.top_speed
+        name='differential',
+        terms=terms,
+        input='drive_torque',
+        input_gain=car.driveline.ratio,
+        top_rate=car.driveline.top_speed,
     )
     return shafts, (drive,)
 

@@ -81,7 +81,13 @@ class Kingpins:
         high = self.upper[2] > self.lower[2] + least
         require(high, 'kingpins', 'upper', self.upper, f'must lie above lower, {self.lower}, at least {least:.3g} m')
         apart = abs(self.track_rod[1]) > 2.5 * least
-        require(apart, 'kingpins', 'track_rod', self.track_rod, 'must lie beside the middle of the car: it is the ball of the left side')
+        require(
+            apart,
+            'kingpins',
+            'track_rod',
+            self.track_rod,
+            'must lie beside the middle of the car: it is the ball of the left side',
+        )
 
     def body(self, corner: str, side: str, center: Vector) -> RigidBodySpec:
         """The knuckle of a corner, its frame at the wheel centre [m]."""
@@ -90,12 +96,19 @@ class Kingpins:
     def joint(self, corner: str, side: str, housing: RigidBodySpec, knuckle: RigidBodySpec) -> Parts:
         """The kingpin of a corner, a revolute joint with the coordinate kingpin_<corner>, positive to the left."""
         at, axis = on_side(side, self.lower), on_side(side, vector_of(np.subtract(self.upper, self.lower)))
-        pin = JointSpec(name=f'kingpin_{corner}', kind='revolute', i=marker_at(housing, at, axis), j=marker_at(knuckle, at, axis))
+        pin = JointSpec(
+            name=f'kingpin_{corner}', kind='revolute', i=marker_at(housing, at, axis), j=marker_at(knuckle, at, axis)
+        )
         return Parts(joints=(pin,))
 
     def rods(self, axle: str, structure: Structure, knuckles: Mapping[str, RigidBodySpec]) -> Parts:
         """Track rod and drag link of an axle. knuckles: side -> knuckle."""
-        across = Link(inner=on_side('right', self.track_rod), outer=self.track_rod, mass=self.track_rod_mass, radius=self.track_rod_radius)
+        across = Link(
+            inner=on_side('right', self.track_rod),
+            outer=self.track_rod,
+            mass=self.track_rod_mass,
+            radius=self.track_rod_radius,
+        )
         steering = structure.rack or structure.subframe
         return joined(
             (
@@ -139,7 +152,9 @@ class LiveAxle(Suspension):
             'without leaf springs an axle needs four links: an entry of `links` is a pair, an entry of `rods` is one',
         )
 
-    def corners(self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None) -> dict[str, Corner]:
+    def corners(
+        self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None
+    ) -> dict[str, Corner]:
         """Side -> corner. The housing, the single rods and the steering are among the parts of the left corner."""
         require(right is None, 'live axle', 'right', 'given', 'both sides are alike: remove it')
         housing = self.housing.body(f'axle_{axle}', self.housing.com)
@@ -149,7 +164,9 @@ class LiveAxle(Suspension):
             *(link(f'{key}_{axle}', data, base.subframe, housing, 'left') for key, data in self.rods.items()),
         ]
         pins = self.kingpins
-        knuckles = {side: housing if pins is None else pins.body(f'{axle}_{side}', side, self.wheel.center) for side in SIDES}
+        knuckles = {
+            side: housing if pins is None else pins.body(f'{axle}_{side}', side, self.wheel.center) for side in SIDES
+        }
         if pins is not None:
             shared += [
                 Parts(bodies=tuple(knuckles.values())),
@@ -177,9 +194,17 @@ class LiveAxle(Suspension):
         """Damper and spring of one side."""
 
         def ends(chassis: Vector, axle: Vector):
-            return marker_at(base.chassis, on_side(side, chassis)), marker_at(housing, on_side(side, axle)), distance(chassis, axle)
+            return (
+                marker_at(base.chassis, on_side(side, chassis)),
+                marker_at(housing, on_side(side, axle)),
+                distance(chassis, axle),
+            )
 
-        parts = [Parts(spring_dampers=(damper_of(f'damper_{name}', self.damper, *ends(self.damper_chassis, self.damper_axle)),))]
+        parts = [
+            Parts(
+                spring_dampers=(damper_of(f'damper_{name}', self.damper, *ends(self.damper_chassis, self.damper_axle)),)
+            )
+        ]
         if self.leaf is not None:
             parts.append(leaf_spring(name, self.leaf, base.chassis, housing, side))
         if self.coil is not None:

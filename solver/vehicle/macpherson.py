@@ -44,8 +44,8 @@ RADIUS = 0.011  # of the rod [m]
 
 @dataclass(frozen=True, kw_only=True)
 class Strut:
-    """The strut from `lower`, on its axis in the upright, to `upper` in the top mount [m]. rod_mass: of rod and upper half of the spring
-    [kg]. mount: the top mount; without it the rod hangs in a universal joint."""
+    """The strut from `lower`, on its axis in the upright, to `upper` in the top mount [m]. rod_mass: of rod and upper
+    half of the spring [kg]. mount: the top mount; without it the rod hangs in a universal joint."""
 
     lower: Point
     upper: Point
@@ -60,8 +60,8 @@ class Strut:
 
 @dataclass(frozen=True, kw_only=True)
 class MacPherson(IndependentSuspension):
-    """Data of the left wheel suspension; see the module. tie_rod: on the rack, or on the base of an axle that is not steered.
-    drop_link_on: what the drop link of an anti-roll bar is joined to."""
+    """Data of the left wheel suspension; see the module. tie_rod: on the rack, or on the base of an axle that is not
+    steered. drop_link_on: what the drop link of an anti-roll bar is joined to."""
 
     kind: Literal['macpherson'] = 'macpherson'
     lower_arm: Arm
@@ -73,7 +73,13 @@ class MacPherson(IndependentSuspension):
         super().__post_init__()
         least = min(0.05, 0.2 * self.wheel.center[2])  # m; of the wheels of a model less
         high = distance(self.strut.lower, self.strut.upper) > least and self.strut.upper[2] > self.strut.lower[2]
-        require(high, 'macpherson', 'strut.upper', self.strut.upper, f'must lie above strut.lower, at least {least:.3g} m away')
+        require(
+            high,
+            'macpherson',
+            'strut.upper',
+            self.strut.upper,
+            f'must lie above strut.lower, at least {least:.3g} m away',
+        )
 
     def corner(self, name: str, side: str, structure: Structure) -> Corner:
         """The suspension of corner `name` on a side."""
@@ -89,13 +95,29 @@ class MacPherson(IndependentSuspension):
         length = distance(a, b)
         strut = Parts(
             bodies=(rod,),
-            joints=(JointSpec(name=f'damper_{name}', kind='cylindrical', i=marker_at(upright, a, along), j=marker_at(rod, a, along)),),
+            joints=(
+                JointSpec(
+                    name=f'damper_{name}',
+                    kind='cylindrical',
+                    i=marker_at(upright, a, along),
+                    j=marker_at(rod, a, along),
+                ),
+            ),
             spring_dampers=(
                 spring_of(f'spring_{name}', data.spring, *ends, length),
                 damper_of(f'damper_{name}', data.damper, *ends, length),
             ),
         )
-        top = mounting(f'damper_mount_{name}', structure.chassis, rod, (data.upper,), data.mount, ideal='universal', side=side, axis=axis)
+        top = mounting(
+            f'damper_mount_{name}',
+            structure.chassis,
+            rod,
+            (data.upper,),
+            data.mount,
+            ideal='universal',
+            side=side,
+            axis=axis,
+        )
         arm = upright if self.drop_link_on == 'strut' else lower.bodies[0]
         return Corner(joined((hub, lower, tie_rod, strut, top)), upright, wheel, arm)
 

@@ -1,8 +1,8 @@
 """Multi-link suspension: a lower arm that carries spring, damper and drop link, and any number of further links.
 
-A rigid upright has one degree of freedom left when the arm (two constraints) is joined by three links, the tie rod of a steered one among
-them. Spring and damper act between the lower arm and the chassis without bodies of their own. The axle may be driven
-(solver.vehicle.powertrain).
+A rigid upright has one degree of freedom left when the arm (two constraints) is joined by three links, the tie rod of a
+steered one among them. Spring and damper act between the lower arm and the chassis without bodies of their own. The
+axle may be driven (solver.vehicle.powertrain).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from solver.vehicle.wheel_end import IndependentSuspension
 class MultiLink(Sprung, IndependentSuspension):
     """Data of the left wheel suspension; see the module.
 
-    links: by name; tie_rod: on the rack, or on the subframe of an axle that is not steered; spring_chassis, spring_arm, damper_chassis,
-    damper_arm: ends of spring and damper [m].
+    links: by name; tie_rod: on the rack, or on the subframe of an axle that is not steered; spring_chassis, spring_arm,
+    damper_chassis, damper_arm: ends of spring and damper [m].
     """
 
     kind: Literal['multi_link'] = 'multi_link'
@@ -48,10 +48,16 @@ class MultiLink(Sprung, IndependentSuspension):
         return Corner(joined((hub, lower, *links, elastic)), upright, wheel, arm)
 
     def steered(self) -> Linkage | None:
-        """By the tie rod, about the line between the lower ball joint and the middle of the links that end above the wheel centre; see
-        Suspension.steered."""
+        """By the tie rod, about the line between the lower ball joint and the middle of the links that end above the
+        wheel centre; see Suspension.steered."""
         if self.tie_rod is None:
             return None
         upper = [data.outer for data in self.links.values() if data.outer[2] > self.wheel.center[2]]
-        require(bool(upper), 'multi link', 'links', sorted(self.links), 'a steered wheel needs one that ends above its centre')
+        require(
+            bool(upper),
+            'multi link',
+            'links',
+            sorted(self.links),
+            'a steered wheel needs one that ends above its centre',
+        )
         return Linkage(self.lower_arm.outer, vector_of(np.mean(upper, axis=0)), self.tie_rod.inner, self.tie_rod.outer)

@@ -1,9 +1,9 @@
 """Building blocks of suspensions, steering and driveline: parts lists, rigid parts, rods, bushings, mountings and
 links.
 
-A template function returns `Parts`, the fields of ModelSpec it contributes to; `joined` adds them up. Lengths and directions are
-given for the left side, in the design frame of solver.vehicle.hardpoints; the right side is mirrored. Every connection has two
-forms: with the data of a bushing it is a BushingSpec, without it is an ideal joint.
+A template function returns `Parts`, the fields of ModelSpec it contributes to; `joined` adds them up. Lengths and
+directions are given for the left side, in the design frame of solver.vehicle.hardpoints; the right side is mirrored.
+Every connection has two forms: with the data of a bushing it is a BushingSpec, without it is an ideal joint.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ def vector_of(array: np.ndarray) -> Vector:
 
 
 class Parts:
-    """Sections of ModelSpec (bodies, joints, coordinates, any kind of element) that a part of the vehicle contributes to."""
+    """Sections of ModelSpec (bodies, joints, coordinates, any kind of element) that a part of the vehicle contributes
+    to."""
 
     def __init__(self, **sections: tuple[Spec, ...]) -> None:
         unknown = sections.keys() - set(SECTIONS)
@@ -67,8 +68,8 @@ def joined(parts: Iterable[Parts]) -> Parts:
 
 
 class Corner(NamedTuple):
-    """One wheel suspension: its parts, and the bodies that others attach to (arm: where the drop link of an anti-roll bar goes; housing: of
-    a differential between the wheels, where the axle has one)."""
+    """One wheel suspension: its parts, and the bodies that others attach to (arm: where the drop link of an anti-roll
+    bar goes; housing: of a differential between the wheels, where the axle has one)."""
 
     parts: Parts
     upright: RigidBodySpec
@@ -86,7 +87,8 @@ class Structure(NamedTuple):
 
 
 def require_positive(where: str, data: object, *fields: str) -> None:
-    """Check that these fields of the data are finite and above zero; those that are None are not looked at. Raises SpecError."""
+    """Check that these fields of the data are finite and above zero; those that are None are not looked at. Raises
+    SpecError."""
     for field in fields:
         value = getattr(data, field)
         if value is not None:
@@ -100,19 +102,23 @@ def require_apart(where: str, data: object, field: str, other: str) -> None:
 
 
 def require_resisting(where: str, field: str, law: Law | None) -> None:
-    """Check that a law resists: at every knot it is, from its value at zero, on the side to which it is pushed. Raises SpecError."""
+    """Check that a law resists: at every knot it is, from its value at zero, on the side to which it is pushed. Raises
+    SpecError."""
     if law is None:
         return
     at_zero = float(np.interp(0.0, law.x, law.y))
     for k, (x, y) in enumerate(zip(law.x, law.y, strict=True)):
-        remedy = f'drives instead of resisting: at {x:g} it must not be {"below" if x > 0.0 else "above"} the {at_zero:g} at 0'
+        remedy = (
+            f'drives instead of resisting: at {x:g} it must not be {"below" if x > 0.0 else "above"} the '
+            f'{at_zero:g} at 0'
+        )
         require((y - at_zero) * x >= 0.0, where, f'{field}[{k}][1]', y, remedy)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """A rigid part. mass [kg]; com: centre of mass in the design frame [m]; inertia (Ixx, Iyy, Izz) and products (Ixy, Ixz, Iyz)
-    [kg m^2] about it, along the axes of the design frame."""
+    """A rigid part. mass [kg]; com: centre of mass in the design frame [m]; inertia (Ixx, Iyy, Izz) and products (Ixy,
+    Ixz, Iyz) [kg m^2] about it, along the axes of the design frame."""
 
     mass: Mass
     inertia: Moments
@@ -124,7 +130,8 @@ class Part:
         finite('part', 'com[2]', self.com[2], low=0.0, strict=True)  # above the ground
 
     def body(self, name: str, origin: Vector, side: str = 'left') -> RigidBodySpec:
-        """The body with its reference frame at `origin` of the design frame, parallel to it; both are given for the left side."""
+        """The body with its reference frame at `origin` of the design frame, parallel to it; both are given for the
+        left side."""
         s = SIDES[side]
         xy, xz, yz = self.products
         com = tuple(float(c) for c in np.subtract(on_side(side, self.com), on_side(side, origin)))
@@ -136,10 +143,10 @@ class Part:
 class Bushing:
     """One rubber bushing.
 
-    axis: its z axis [design frame] (None: along the pivots it stands on, else vertical); x is forward, or to the left where the
-    axis is longitudinal. stiffness: along x y z [N/m] and about x y z [N m/rad]; law_x .. law_z: force [N] over displacement [m]
-    instead of the linear rate, on the left side; the right one is its mirror image. loss: damping over
-    stiffness [s], i.e. loss angle / (2 pi f) at the frequency f that matters.
+    axis: its z axis [design frame] (None: along the pivots it stands on, else vertical); x is forward, or to the left
+    where the axis is longitudinal. stiffness: along x y z [N/m] and about x y z [N m/rad]; law_x .. law_z: force [N]
+    over displacement [m] instead of the linear rate, on the left side; the right one is its mirror image. loss: damping
+    over stiffness [s], i.e. loss angle / (2 pi f) at the frequency f that matters.
     """
 
     stiffness: Six
@@ -160,18 +167,22 @@ class Bushing:
 
 
 def own_laws(bushing: Bushing, axis: Vector, side: str) -> tuple[Law | None, ...]:
-    """The laws along x y z of a bushing whose axis on this side is `axis`. Both sides have right-handed frames, so one axis at the right
-    is the negative mirror image of that at the left: along it the law is turned about, -f(-x)."""
+    """The laws along x y z of a bushing whose axis on this side is `axis`. Both sides have right-handed frames, so one
+    axis at the right is the negative mirror image of that at the left: along it the law is turned about, -f(-x)."""
     laws = (bushing.law_x, bushing.law_y, bushing.law_z)
     here, there = axes_along('bushing', axis), axes_along('bushing', on_side(side, axis))
     columns = zip(there.T.tolist(), here.T.tolist(), strict=True)
-    turned = [sum(a * b for a, b in zip(on_side(side, vector_of(left)), own, strict=True)) < 0.0 for left, own in columns]
+    turned = [
+        sum(a * b for a, b in zip(on_side(side, vector_of(left)), own, strict=True)) < 0.0 for left, own in columns
+    ]
     return tuple(turned_about(law) if law is not None and flip else law for law, flip in zip(laws, turned, strict=True))
 
 
 def turned_about(law: Law) -> Law:
     """-f(-x)."""
-    return Law(tuple(0.0 - x for x in reversed(law.x)), tuple(0.0 - y for y in reversed(law.y)), tuple(reversed(law.slope)))
+    return Law(
+        tuple(0.0 - x for x in reversed(law.x)), tuple(0.0 - y for y in reversed(law.y)), tuple(reversed(law.slope))
+    )
 
 
 def mounting(
@@ -188,10 +199,11 @@ def mounting(
 ) -> Parts:
     """Identical bushings at `points` between bodies i and j, replaced by one six-axis element at their centre.
 
-    Exact for small displacements: translational rates add up, rotational ones grow by rate times distance squared. Coupling of two
-    rotations must be absent (points on a line along an axis of the bushing, or placed symmetrically); SpecError otherwise.
-    Without a bushing: an ideal joint of kind `ideal`. axis: z of the joint, and of a bushing that does not give its own; the line
-    through two points unless given. pin: x of the ideal joint, for a universal one the direction of its pin on body i.
+    Exact for small displacements: translational rates add up, rotational ones grow by rate times distance squared.
+    Coupling of two rotations must be absent (points on a line along an axis of the bushing, or placed symmetrically);
+    SpecError otherwise. Without a bushing: an ideal joint of kind `ideal`. axis: z of the joint, and of a bushing that
+    does not give its own; the line through two points unless given. pin: x of the ideal joint, for a universal one the
+    direction of its pin on body i.
     """
     placed = np.array([on_side(side, p) for p in points])
     mean = placed.mean(axis=0)
@@ -223,15 +235,17 @@ def mounting(
         bushings=(
             BushingSpec(
                 name=name, i=marker_at(i, centre, own), j=marker_at(j, centre, own), stiffness=stiffness,  # type: ignore[arg-type]
+
                 damping=tuple(bushing.loss * x for x in stiffness), laws=(*laws, None, None, None),  # type: ignore[arg-type]
+
             ),
         )
     )  # fmt: skip
 
 
 def rods(name: str, pieces: Sequence[tuple[float, Vector, Vector, float]]) -> RigidBodySpec:
-    """A body made of uniform solid cylinders (mass [kg], end a, end b [m], radius [m]); its frame is at the centre of mass, parallel to
-    the design frame. Ends are placed already (not mirrored)."""
+    """A body made of uniform solid cylinders (mass [kg], end a, end b [m], radius [m]); its frame is at the centre of
+    mass, parallel to the design frame. Ends are placed already (not mirrored)."""
     masses = np.array([m for m, *_ in pieces])
     centres = np.array([0.5 * (np.array(a) + np.array(b)) for _, a, b, _ in pieces])
     com = product(masses, centres) / masses.sum()
@@ -245,12 +259,18 @@ def rods(name: str, pieces: Sequence[tuple[float, Vector, Vector, float]]) -> Ri
         inertia += across * np.eye(3) + (0.5 * m * radius * radius - across) * np.outer(n, n)
         inertia += m * (product(d, d) * np.eye(3) - np.outer(d, d))
     six = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
-    return RigidBodySpec(name=name, mass=float(masses.sum()), inertia=tuple(float(c) for c in six), position=vector_of(com))  # type: ignore[arg-type]
+    return RigidBodySpec(
+        name=name,
+        mass=float(masses.sum()),
+        inertia=tuple(float(c) for c in six),  # type: ignore[arg-type]
+        position=vector_of(com),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """A bar between two points [m]: ball joint at `outer`, at `inner` a bushing, or ideally a universal joint (so that it cannot spin).
+    """A bar between two points [m]: ball joint at `outer`, at `inner` a bushing, or ideally a universal joint (so that
+    it cannot spin).
 
     mass [kg], radius [m] of the cylinder whose inertia it has.
     """
@@ -266,14 +286,19 @@ class Link:
         require_apart('link', self, 'inner', 'outer')
 
 
-def link(name: str, data: Link, base: RigidBodySpec, carrier: RigidBodySpec, side: str, pin: Vector | None = None) -> Parts:
-    """The link (its body first) between base (inner end) and carrier (outer end). pin: on the base, of an ideal universal joint, which is
-    singular where the link comes to lie along it: a direction about which the link turns most."""
+def link(
+    name: str, data: Link, base: RigidBodySpec, carrier: RigidBodySpec, side: str, pin: Vector | None = None
+) -> Parts:
+    """The link (its body first) between base (inner end) and carrier (outer end). pin: on the base, of an ideal
+    universal joint, which is singular where the link comes to lie along it: a direction about which the link turns
+    most."""
     a, b = on_side(side, data.inner), on_side(side, data.outer)
     body = rods(name, ((data.mass, a, b, data.radius),))
     along = vector_of(np.subtract(data.outer, data.inner))
     ball = JointSpec(name=f'{name}_outer', kind='spherical', i=marker_at(body, b), j=marker_at(carrier, b))
-    foot = mounting(f'{name}_inner', base, body, (data.inner,), data.bushing, ideal='universal', side=side, axis=along, pin=pin)
+    foot = mounting(
+        f'{name}_inner', base, body, (data.inner,), data.bushing, ideal='universal', side=side, axis=along, pin=pin
+    )
     return joined((Parts(bodies=(body,), joints=(ball,)), foot))
 
 
@@ -320,13 +345,19 @@ class Spring:
         require_positive('spring', self, 'rate')
         finite('spring', 'load', self.load, low=0.0)
         soft = self.load / self.rate
-        require(soft < SOFTEST, 'spring', 'rate', self.rate, f'is compressed by {soft:.3g} m under its load: rates are in N/m')
+        require(
+            soft < SOFTEST,
+            'spring',
+            'rate',
+            self.rate,
+            f'is compressed by {soft:.3g} m under its load: rates are in N/m',
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Damper:
-    """law: force [N] over rate of length [m/s], rebound positive. stops: force [N] over length minus design length [m], rebound
-    positive: bump rubber and rebound buffer."""
+    """law: force [N] over rate of length [m/s], rebound positive. stops: force [N] over length minus design length [m],
+    rebound positive: bump rubber and rebound buffer."""
 
     law: Law
     stops: Law | None = None
@@ -338,7 +369,9 @@ class Damper:
 
 def spring_of(name: str, data: Spring, i: Marker, j: Marker, length: float) -> SpringDamperSpec:
     """The spring between two markers that are `length` apart in the design position [m]."""
-    return SpringDamperSpec(name=name, i=i, j=j, free_length=length + data.load / data.rate, spring=Law.linear(data.rate))
+    return SpringDamperSpec(
+        name=name, i=i, j=j, free_length=length + data.load / data.rate, spring=Law.linear(data.rate)
+    )
 
 
 def damper_of(name: str, data: Damper, i: Marker, j: Marker, length: float) -> SpringDamperSpec:
@@ -348,7 +381,8 @@ def damper_of(name: str, data: Damper, i: Marker, j: Marker, length: float) -> S
 
 @dataclass(frozen=True, kw_only=True)
 class Sprung:
-    """Data of a suspension whose spring and damper stand between the chassis and one of its parts, each at two points [m]."""
+    """Data of a suspension whose spring and damper stand between the chassis and one of its parts, each at two points
+    [m]."""
 
     spring: Spring
     spring_chassis: Point
@@ -362,7 +396,11 @@ def sprung(name: str, side: str, chassis: RigidBodySpec, arm: RigidBodySpec, dat
     """Spring and damper of corner `name` between chassis and arm, without bodies of their own."""
 
     def ends(on_chassis: Vector, on_arm: Vector) -> tuple[Marker, Marker, float]:
-        return marker_at(chassis, on_side(side, on_chassis)), marker_at(arm, on_side(side, on_arm)), distance(on_chassis, on_arm)
+        return (
+            marker_at(chassis, on_side(side, on_chassis)),
+            marker_at(arm, on_side(side, on_arm)),
+            distance(on_chassis, on_arm),
+        )
 
     return Parts(
         spring_dampers=(
@@ -377,8 +415,8 @@ def shaft_markers(
 ) -> tuple[Marker, Marker]:
     """Markers of a joint between two shafts that meet at `point`, z along each shaft, without twist between them.
 
-    x is the normal of the plane of the two shafts (the same line for both), so a universal joint has one cross pin there and a
-    constant-velocity joint is open by exactly zero. Directions are placed already (not mirrored).
+    x is the normal of the plane of the two shafts (the same line for both), so a universal joint has one cross pin
+    there and a constant-velocity joint is open by exactly zero. Directions are placed already (not mirrored).
     """
     normal = np.cross(axis_i, axis_j)
     if norm(normal) < 1e-9 * norm(axis_i) * norm(axis_j):

@@ -1,11 +1,14 @@
 """Engine on its mounts, propeller shaft, differential and half shafts of a driven axle.
 
-    engine -spherical- propshaft_front -universal- propshaft_rear -constant velocity- drive_pinion -cylindrical- differential
-    chassis -point on line- propshaft_front                                           (centre bearing, a point of the shaft)
-    differential -cylindrical- output_shaft -constant velocity- half_shaft -constant velocity- wheel      (left and right)
+    engine -spherical- propshaft_front -universal- propshaft_rear -constant velocity- drive_pinion -cylindrical-
+    differential
+    chassis -point on line- propshaft_front                                           (centre bearing, a point of the
+                                                                                      shaft)
+    differential -cylindrical- output_shaft -constant velocity- half_shaft -constant velocity- wheel      (left and
+                                                                                                          right)
 
-Length changes are taken up where shafts slide in splines: the drive pinion's flange and the output shafts in their side gears. A shaft of
-one part has no centre bearing and no universal joint:
+Length changes are taken up where shafts slide in splines: the drive pinion's flange and the output shafts in their side
+gears. A shaft of one part has no centre bearing and no universal joint:
 
     engine -spherical- propshaft -constant velocity- drive_pinion -cylindrical- differential
 
@@ -13,11 +16,11 @@ and begins at another axle instead of the engine where it comes `through` that, 
 The torques that turn and brake it there act against the engine (solver.vehicle.transfer), so of the torque of both
 axles each housing gets what belongs to it.
 
-The drive torque acts at the differential, as in the reference maneuver: `differential` puts the input drive_torque on the mean of the two
-output angles, so each side gets half of it and the housing the reaction. The gearbox is in neutral: propeller shaft and pinion turn
-along through `final_drive`, the elasticity of half shafts and gear mesh, whose torque acts on mean output angle minus pinion
-angle / ratio. Both are the generalized forces of an ideal open differential. limited_slip adds the torque of a viscous lock over the
-difference of the output speeds (one more force element).
+The drive torque acts at the differential, as in the reference maneuver: `differential` puts the input drive_torque on
+the mean of the two output angles, so each side gets half of it and the housing the reaction. The gearbox is in neutral:
+propeller shaft and pinion turn along through `final_drive`, the elasticity of half shafts and gear mesh, whose torque
+acts on mean output angle minus pinion angle / ratio. Both are the generalized forces of an ideal open differential.
+limited_slip adds the torque of a viscous lock over the difference of the output speeds (one more force element).
 """
 
 from __future__ import annotations
@@ -68,9 +71,9 @@ class Mount:
 
 @dataclass(frozen=True, kw_only=True)
 class Engine:
-    """Engine and gearbox in one. mounts: by name; `_left` in a name stands for a pair, the right one is mirrored. Without a bushing on
-    the first mount the engine is fixed to its base and the others are ignored. power: what turns in it (None: the input is the torque at
-    the differential)."""
+    """Engine and gearbox in one. mounts: by name; `_left` in a name stands for a pair, the right one is mirrored.
+    Without a bushing on the first mount the engine is fixed to its base and the others are ignored. power: what turns
+    in it (None: the input is the torque at the differential)."""
 
     part: Part
     mounts: dict[str, Mount]
@@ -92,10 +95,10 @@ class Shaft:
 class HalfShafts:
     """Half shafts of an axle; the left one, the right one is mirrored.
 
-    output: centre of the inner joint; the outer one is at the wheel, `inset` [m] inwards of its centre along the spin axis.
-    top_speed: mean speed of the outputs at which the engine's limiter ends the drive torque [rad/s]; None: it never does.
-    limited_slip: torque that the faster output hands to the slower one, half of what their torques differ by, over the difference of
-    their speeds [N m s/rad]. rotor: of a motor on the differential.
+    output: centre of the inner joint; the outer one is at the wheel, `inset` [m] inwards of its centre along the spin
+    axis. top_speed: mean speed of the outputs at which the engine's limiter ends the drive torque [rad/s]; None: it
+    never does. limited_slip: torque that the faster output hands to the slower one, half of what their torques differ
+    by, over the difference of their speeds [N m s/rad]. rotor: of a motor on the differential.
     """
 
     output: Point
@@ -116,10 +119,10 @@ class HalfShafts:
 class Propshaft:
     """A propeller shaft and the final drive behind it.
 
-    engine_flange, center_joint, pinion_flange: its joints, center_bearing: its bearing on the chassis [m]; one of a single part,
-    propshaft_front, has neither center_bearing, center_joint nor propshaft_rear. through: the driven axle on whose housing engine_flange is
-    (None: it is on the engine). ratio: of the final drive; stiffness [N m/rad] and damping [N m s/rad] of half shafts and mesh, at the
-    outputs.
+    engine_flange, center_joint, pinion_flange: its joints, center_bearing: its bearing on the chassis [m]; one of a
+    single part, propshaft_front, has neither center_bearing, center_joint nor propshaft_rear. through: the driven axle
+    on whose housing engine_flange is (None: it is on the engine). ratio: of the final drive; stiffness [N m/rad] and
+    damping [N m s/rad] of half shafts and mesh, at the outputs.
     """
 
     ratio: float
@@ -136,7 +139,8 @@ class Propshaft:
 
     def __post_init__(self) -> None:
         require_positive('driveline', self, 'stiffness')
-        require(self.ratio != 0.0, 'driveline', 'ratio', self.ratio, 'must not be 0')  # below it the crown wheel is on the other side
+        # below it the crown wheel is on the other side
+        require(self.ratio != 0.0, 'driveline', 'ratio', self.ratio, 'must not be 0')
         finite('driveline', 'damping', self.damping, low=0.0)
         second = ('center_bearing', 'center_joint', 'propshaft_rear')
         missing = [name for name in second if getattr(self, name) is None]
@@ -146,7 +150,8 @@ class Propshaft:
 
 @dataclass(frozen=True, kw_only=True)
 class Driveline(HalfShafts, Propshaft):
-    """Propeller shaft, differential and half shafts of a rear-driven car. differential: housing, on identical mounts at `mounts`."""
+    """Propeller shaft, differential and half shafts of a rear-driven car. differential: housing, on identical mounts at
+    `mounts`."""
 
     differential: Part
     mounts: tuple[Point, ...]
@@ -193,9 +198,9 @@ class Base(NamedTuple):
 
 
 class PropellerShaft(NamedTuple):
-    """A propeller shaft where others take hold of it. body: its part at the engine, along `axis`; output: the coordinate of that against
-    the engine, pinion: that of the drive pinion, both about `turning`; ratio: turns of these per turn of the wheels, below 0 where they
-    turn the other way."""
+    """A propeller shaft where others take hold of it. body: its part at the engine, along `axis`; output: the
+    coordinate of that against the engine, pinion: that of the drive pinion, both about `turning`; ratio: turns of these
+    per turn of the wheels, below 0 where they turn the other way."""
 
     body: RigidBodySpec
     axis: Vector
@@ -224,9 +229,11 @@ def engine(data: Engine, chassis: RigidBodySpec, subframe: RigidBodySpec) -> Par
 def driveline(
     data: Driveline, base: Base, wheels: Mapping[str, RigidBodySpec], axle: str, share: float
 ) -> tuple[Parts, tuple[str, str], PropellerShaft]:
-    """(propeller shaft, differential and half shafts to the wheels (by side) of an axle; coordinates of the outputs; the shaft).
+    """(propeller shaft, differential and half shafts to the wheels (by side) of an axle; coordinates of the outputs;
+    the shaft).
 
-    share: of the input drive_torque [-]. Coordinates output_shaft_<corner>/angle and drive_pinion/angle, positive when rolling forward.
+    share: of the input drive_torque [-]. Coordinates output_shaft_<corner>/angle and drive_pinion/angle, positive when
+    rolling forward.
     """
     differential, lock = base.name('differential', axle), base.name('limited_slip', axle)
     housing = data.differential.body(differential, data.differential.com)
@@ -235,7 +242,9 @@ def driveline(
     turning, shaft = propeller_shaft(data, base, housing, axle)
     parts = (
         Parts(bodies=(housing,)),
-        mounting(f'{differential}_mount', base.subframe, housing, data.mounts, data.mount_bushing, ideal='fixed', axis=UP),
+        mounting(
+            f'{differential}_mount', base.subframe, housing, data.mounts, data.mount_bushing, ideal='fixed', axis=UP
+        ),
         turning,
         shafts,
         Parts(coordinate_forces=(drive, final_drive(data, base, axle, outputs))),
@@ -245,13 +254,18 @@ def driveline(
     return joined(parts), outputs, shaft
 
 
-def half_shafts(data: HalfShafts, housing: RigidBodySpec, wheels: Mapping[str, RigidBodySpec], axle: str) -> tuple[Parts, tuple[str, str]]:
-    """(half shafts from a housing to the wheels (by side) of an axle; names of the coordinates of their outputs, left and right)."""
+def half_shafts(
+    data: HalfShafts, housing: RigidBodySpec, wheels: Mapping[str, RigidBodySpec], axle: str
+) -> tuple[Parts, tuple[str, str]]:
+    """(half shafts from a housing to the wheels (by side) of an axle; names of the coordinates of their outputs, left
+    and right)."""
     parts = joined(half_shaft(data, housing, wheel, f'{axle}_{side}', side) for side, wheel in wheels.items())
     return parts, (f'output_shaft_{axle}_left/angle', f'output_shaft_{axle}_right/angle')
 
 
-def open_differential(name: str, outputs: tuple[str, str], *, share: float = 1.0, top_speed: float | None = None) -> CoordinateForceSpec:
+def open_differential(
+    name: str, outputs: tuple[str, str], *, share: float = 1.0, top_speed: float | None = None
+) -> CoordinateForceSpec:
     """A share [-] of the input drive_torque, halved between two outputs."""
     terms = tuple((output, 0.5) for output in outputs)
     return CoordinateForceSpec(name=name, terms=terms, input='drive_torque', input_gain=share, top_rate=top_speed)
@@ -261,7 +275,8 @@ def final_drive(data: Propshaft, base: Base, axle: str, outputs: tuple[str, str]
     """The elasticity between the mean of the outputs of an axle and the drive pinion."""
     halves = tuple((name, 0.5) for name in outputs)
     return CoordinateForceSpec(
-        name=base.of_shaft('final_drive', axle), terms=(*halves, (f'{base.of_shaft("drive_pinion", axle)}/angle', -1.0 / data.ratio)),
+        name=base.of_shaft('final_drive', axle),
+        terms=(*halves, (f'{base.of_shaft("drive_pinion", axle)}/angle', -1.0 / data.ratio)),
         spring=Law.linear(data.stiffness), damper=Law.linear(data.damping),
     )  # fmt: skip
 
@@ -270,7 +285,9 @@ def limited_slip(name: str, outputs: tuple[str, str], law: Law | None) -> Parts:
     """A viscous lock over the difference of two outputs, if there is one."""
     if law is None:
         return Parts()
-    return Parts(coordinate_forces=(CoordinateForceSpec(name=name, terms=((outputs[0], 1.0), (outputs[1], -1.0)), damper=law),))
+    return Parts(
+        coordinate_forces=(CoordinateForceSpec(name=name, terms=((outputs[0], 1.0), (outputs[1], -1.0)), damper=law),)
+    )
 
 
 def half_shaft(data: HalfShafts, housing: RigidBodySpec, wheel: RigidBodySpec, corner: str, side: str) -> Parts:
@@ -290,13 +307,14 @@ def half_shaft(data: HalfShafts, housing: RigidBodySpec, wheel: RigidBodySpec, c
         ('half_shaft_outer', 'constant_velocity', *shaft_markers(shaft, wheel, outer, along, spin)),
     )
     return Parts(
-        bodies=(output, shaft), joints=tuple(JointSpec(name=f'{name}_{corner}', kind=kind, i=i, j=j) for name, kind, i, j in joints)
+        bodies=(output, shaft),
+        joints=tuple(JointSpec(name=f'{name}_{corner}', kind=kind, i=i, j=j) for name, kind, i, j in joints),
     )
 
 
 def lengthwise(turning: Vector, a: Vector, b: Vector) -> Vector:
-    """The direction of the line through two points that leads as `turning` does: of shafts to the front axle too, or their joints would be
-    open by half a turn."""
+    """The direction of the line through two points that leads as `turning` does: of shafts to the front axle too, or
+    their joints would be open by half a turn."""
     begin, end = (a, b) if (b[0] > a[0]) == (turning[0] > 0.0) else (b, a)
     return vector_of(np.subtract(end, begin))
 
@@ -314,7 +332,8 @@ def require_beginning(shafts: Mapping[str, Propshaft]) -> None:
 
 
 def propeller_shaft(data: Propshaft, base: Base, housing: RigidBodySpec, axle: str) -> tuple[Parts, PropellerShaft]:
-    """(propeller shaft to the housing of an axle, of two parts with a centre bearing or of one, and drive pinion; where to hold it)."""
+    """(propeller shaft to the housing of an axle, of two parts with a centre bearing or of one, and drive pinion; where
+    to hold it)."""
     engine = base.flange(axle, data.through, base.powered(axle))
     front, rear = data.engine_flange, data.pinion_flange
     centre = rear if data.center_joint is None else data.center_joint
@@ -328,9 +347,13 @@ def propeller_shaft(data: Propshaft, base: Base, housing: RigidBodySpec, axle: s
     )
     bodies: tuple[RigidBodySpec, ...] = (first,)
     if data.propshaft_rear is not None and data.center_bearing is not None:
-        last = rods(base.of_shaft('propshaft_rear', axle), ((data.propshaft_rear.mass, centre, rear, data.propshaft_rear.radius),))
+        last = rods(
+            base.of_shaft('propshaft_rear', axle),
+            ((data.propshaft_rear.mass, centre, rear, data.propshaft_rear.radius),),
+        )
         axis = lengthwise(base.turning, rear, centre)
-        # along a line of the chassis: rows of one in the shaft would turn with it, and iterations gain less (docs/decisions/0002)
+        # along a line of the chassis: rows of one in the shaft would turn with it, and iterations gain less
+        # (docs/decisions/0002)
         bearing = marker_at(base.chassis, data.center_bearing, axis_front), marker_at(first, data.center_bearing)
         bodies = (first, last)
         joints += (
@@ -346,4 +369,6 @@ def propeller_shaft(data: Propshaft, base: Base, housing: RigidBodySpec, axle: s
         bodies=(*bodies, pinion),
         joints=tuple(JointSpec(name=base.of_shaft(name, axle), kind=kind, i=i, j=j) for name, kind, i, j in joints),
     )
-    return parts, PropellerShaft(first, axis_front, base.turning, base.of_shaft('gearbox_output', axle), f'{pinion.name}/angle', data.ratio)
+    return parts, PropellerShaft(
+        first, axis_front, base.turning, base.of_shaft('gearbox_output', axle), f'{pinion.name}/angle', data.ratio
+    )

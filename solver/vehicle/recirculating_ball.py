@@ -1,13 +1,15 @@
-"""Steering box with linkage, as independent front axles of pickups and trucks had it before the rack, and many have it still.
+"""Steering box with linkage, as independent front axles of pickups and trucks had it before the rack, and many have it
+still.
 
     subframe -revolute- pitman_arm -universal- relay_link -spherical- idler_arm -revolute- subframe
     relay_link (to the tie rods)
 
-Without an idler arm there is no relay link either, and the rods go to the pitman arm: the drag link of a steered live axle.
+Without an idler arm there is no relay link either, and the rods go to the pitman arm: the drag link of a steered live
+axle.
 
-The worm is the pinion of solver.vehicle.steering; through balls and nut it turns the sector on the shaft of the pitman arm, `ratio` times
-slower, against the elasticity `steering_box`. Pitman arm, relay link and idler arm are a four-bar linkage with the frame: where the arms
-are parallel and equally long, the relay link moves on a circle without turning.
+The worm is the pinion of solver.vehicle.steering; through balls and nut it turns the sector on the shaft of the pitman
+arm, `ratio` times slower, against the elasticity `steering_box`. Pitman arm, relay link and idler arm are a four-bar
+linkage with the frame: where the arms are parallel and equally long, the relay link moves on a circle without turning.
 """
 
 from __future__ import annotations
@@ -48,10 +50,11 @@ class Lever:
 
 @dataclass(frozen=True, kw_only=True)
 class RecirculatingBall(Column):
-    """Data of a steering box with linkage. ratio: turns of the worm per turn of the pitman arm. pitman, idler: arms on shafts along `axis`;
-    idler_bushing: of the shaft of the idler arm, z along it (None: a bearing). link_mass [kg], link_radius [m]: of the relay link between
-    their balls, with the inner tie-rod balls; both None: the rods go to the pitman arm. link_damping: of a steering damper between the
-    middle of the link, or the ball of the pitman arm, and the frame [N s/m]."""
+    """Data of a steering box with linkage. ratio: turns of the worm per turn of the pitman arm. pitman, idler: arms on
+    shafts along `axis`; idler_bushing: of the shaft of the idler arm, z along it (None: a bearing). link_mass [kg],
+    link_radius [m]: of the relay link between their balls, with the inner tie-rod balls; both None: the rods go to the
+    pitman arm. link_damping: of a steering damper between the middle of the link, or the ball of the pitman arm, and
+    the frame [N s/m]."""
 
     kind: Literal['recirculating_ball'] = 'recirculating_ball'
     ratio: float
@@ -69,7 +72,13 @@ class RecirculatingBall(Column):
         require_positive('steering', self, 'ratio', 'link_mass', 'link_radius')
         finite('steering', 'link_damping', self.link_damping, low=0.0)
         both = (self.idler is None) == (self.link_mass is None)
-        require(both, 'steering', 'link_mass', self.link_mass, 'belongs to a relay link to an idler arm: give both or neither')
+        require(
+            both,
+            'steering',
+            'link_mass',
+            self.link_mass,
+            'belongs to a relay link to an idler arm: give both or neither',
+        )
         lone = self.idler is not None or self.idler_bushing is None
         require(lone, 'steering', 'idler_bushing', 'given', 'belongs to an idler arm, which is not given')
         for name, arm in (('pitman', self.pitman), ('idler', self.idler)):
@@ -100,7 +109,9 @@ class RecirculatingBall(Column):
     def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
         """Steering box and linkage; coordinates pitman_arm and, in a bearing, idler_arm, positive about the axis."""
         pitman, at = self.pitman.body('pitman_arm'), self.pitman.pivot
-        shaft = JointSpec(name='pitman_arm', kind='revolute', i=marker_at(subframe, at, self.axis), j=marker_at(pitman, at, self.axis))
+        shaft = JointSpec(
+            name='pitman_arm', kind='revolute', i=marker_at(subframe, at, self.axis), j=marker_at(pitman, at, self.axis)
+        )
         lever = self.lever(self.pitman)
         ratio, slow = float(np.copysign(self.ratio, arm * lever)), SLOW / abs(lever)
         damped = self.link_damping > 0.0
@@ -109,7 +120,9 @@ class RecirculatingBall(Column):
             parts = Parts(bodies=(pitman,), joints=(shaft,), spring_dampers=dampers)
             return Gear(parts, 'steering_box', 'pitman_arm', ratio, slow, pitman)
         idler = self.idler.body('idler_arm')
-        other = mounting('idler_arm', subframe, idler, (self.idler.pivot,), self.idler_bushing, ideal='revolute', axis=self.axis)
+        other = mounting(
+            'idler_arm', subframe, idler, (self.idler.pivot,), self.idler_bushing, ideal='revolute', axis=self.axis
+        )
         bar = Link(inner=self.pitman.ball, outer=self.idler.ball, mass=self.link_mass, radius=self.link_radius)
         linkage = link('relay_link', bar, pitman, idler, 'left', pin=self.axis)
         relay = linkage.bodies[0]

@@ -1,9 +1,11 @@
-"""Rotor of a motor, and the gears that turn with it: a body of its own, which turns `ratio` times as fast as the wheels that it drives.
+"""Rotor of a motor, and the gears that turn with it: a body of its own, which turns `ratio` times as fast as the wheels
+that it drives.
 
     carrier -revolute- rotor,    angle of the rotor = ratio * mean angle of the outputs        (a coupler)
 
-A car with it accelerates as one of the mass m + J i^2 / r^2. Its bearing gives the carrier what its angular momentum takes: the nose of a
-car that accelerates rises by the more, and a rotor along the car would roll it. Its mass is part of its carrier.
+A car with it accelerates as one of the mass m + J i^2 / r^2. Its bearing gives the carrier what its angular momentum
+takes: the nose of a car that accelerates rises by the more, and a rotor along the car would roll it. Its mass is part
+of its carrier.
 """
 
 from __future__ import annotations
@@ -35,15 +37,22 @@ class Rotor:
 
 
 def rotor(
-    data: Rotor | None, name: str, carrier: RigidBodySpec, outputs: Sequence[str], at: Vector | None = None, axis: Vector = LEFTWARDS
+    data: Rotor | None,
+    name: str,
+    carrier: RigidBodySpec,
+    outputs: Sequence[str],
+    at: Vector | None = None,
+    axis: Vector = LEFTWARDS,
 ) -> Parts:
-    """The rotor of a motor on its carrier, if there is one, which turns with the mean of the outputs. at: its place (None: the carrier's);
-    axis: positive when rolling forward. Coordinate `name`."""
+    """The rotor of a motor on its carrier, if there is one, which turns with the mean of the outputs. at: its place
+    (None: the carrier's); axis: positive when rolling forward. Coordinate `name`."""
     if data is None:
         return Parts()
     place, half = carrier.position if at is None else at, 0.5 * data.inertia
     turned = quaternion(axes_along(f'rotor {name!r}', axis))
-    body = RigidBodySpec(name=name, mass=0.0, inertia=(half, half, data.inertia, 0.0, 0.0, 0.0), position=place, orientation=turned)
+    body = RigidBodySpec(
+        name=name, mass=0.0, inertia=(half, half, data.inertia, 0.0, 0.0, 0.0), position=place, orientation=turned
+    )
     bearing = JointSpec(name=name, kind='revolute', i=marker_at(carrier, place, axis), j=marker_at(body, place, axis))
     share = -data.ratio / len(outputs)
     gear = CouplerSpec(name=name, terms=((name, 1.0), *((output, share) for output in outputs)), offset=0.0)

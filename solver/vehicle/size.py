@@ -1,11 +1,13 @@
 """Size of a vehicle beside a passenger car: the scale of benches and test drives that are laid out for passenger cars.
 
-Froude similarity [Buckingham1914]: gravity is the same for all, so accelerations and angles are, too, and with lengths grow
+Froude similarity [Buckingham1914]: gravity is the same for all, so accelerations and angles are, too, and with lengths
+grow
 
     time   length^(1/2)     speed   length^(1/2)     force   mass     moment   mass length     stiffness   mass / length
 
-A car that is geometrically similar to another one, with all densities the same (mass: length^3), so drives as that one does in slow or fast
-motion. Whatever lies between the bounds ORDINARY is a passenger car, whose benches stay as they are; beyond them they follow the vehicle.
+A car that is geometrically similar to another one, with all densities the same (mass: length^3), so drives as that one
+does in slow or fast motion. Whatever lies between the bounds ORDINARY is a passenger car, whose benches stay as they
+are; beyond them they follow the vehicle.
 """
 
 from __future__ import annotations
@@ -21,8 +23,10 @@ from solver.model.scale import length_of, slow_speed
 from solver.model.spec import ModelSpec
 
 CORNERS = ('front_left', 'front_right', 'rear_left', 'rear_right')
-WHEELBASE, MASS = 2.65, 1413.0  # m, kg, of a compact car: a vehicle ten times as long is measured over ten times the travel
-ORDINARY = {'length': (1.2, 4.5), 'mass': (200.0, 4500.0)}  # m of wheelbase and kg, racing cars to vans: what counts as a passenger car
+# m, kg, of a compact car: a vehicle ten times as long is measured over ten times the travel
+WHEELBASE, MASS = 2.65, 1413.0
+# m of wheelbase and kg, racing cars to vans: what counts as a passenger car
+ORDINARY = {'length': (1.2, 4.5), 'mass': (200.0, 4500.0)}
 
 
 class Size(NamedTuple):
@@ -68,8 +72,9 @@ def size_of(spec: ModelSpec) -> Size:
 
 
 def scale_of(spec: ModelSpec) -> tuple[float, float]:
-    """(characteristic length [m], speed [m/s] below which motions count as slow) of a model: of what has wheels its size beside a
-    passenger car, of other mechanisms their own (solver.model.scale). A speed of 0: nothing weighs, and only the start can tell."""
+    """(characteristic length [m], speed [m/s] below which motions count as slow) of a model: of what has wheels its
+    size beside a passenger car, of other mechanisms their own (solver.model.scale). A speed of 0: nothing weighs, and
+    only the start can tell."""
     if wheels_along(spec):
         size = size_of(spec)
         return size.length, size.speed
@@ -91,5 +96,7 @@ def wheels_along(spec: ModelSpec) -> dict[str, float]:
     for name, marker in markers.items():
         body = bodies.get(marker.body)
         if body is not None:
-            found[name] = float(body.position[0] + np.add.reduce(matrix(body.orientation)[0] * np.array(marker.position)))
+            found[name] = float(
+                body.position[0] + np.add.reduce(matrix(body.orientation)[0] * np.array(marker.position))
+            )
     return found

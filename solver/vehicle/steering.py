@@ -1,13 +1,13 @@
-"""Steering: wheel, column, telescopic intermediate shaft with two universal joints, pinion, and a gear: the rack, or a steering box with
-linkage (solver.vehicle.recirculating_ball).
+"""Steering: wheel, column, telescopic intermediate shaft with two universal joints, pinion, and a gear: the rack, or a
+steering box with linkage (solver.vehicle.recirculating_ball).
 
-    chassis -revolute- steering_wheel -universal- upper shaft -prismatic- lower shaft -universal- pinion -revolute- subframe
-    subframe -prismatic- rack (to the tie rods)
+    chassis -revolute- steering_wheel -universal- upper shaft -prismatic- lower shaft -universal- pinion -revolute-
+    subframe subframe -prismatic- rack (to the tie rods)
 
-The angle of the steering wheel is imposed by the driver row `driver`. Pinion and rack act on each other through the elasticity of torsion
-bar and mesh: `rack_and_pinion` is the torque over pinion angle minus rack travel / pinion radius. With power assistance (`assist`) it has
-a motor that pushes the rack; without, a torsion bar stiffer than it is, by the ratio of the whole torque to the driver's, gives way like
-an assisted one, and the hand feels the whole torque.
+The angle of the steering wheel is imposed by the driver row `driver`. Pinion and rack act on each other through the
+elasticity of torsion bar and mesh: `rack_and_pinion` is the torque over pinion angle minus rack travel / pinion radius.
+With power assistance (`assist`) it has a motor that pushes the rack; without, a torsion bar stiffer than it is, by the
+ratio of the whole torque to the driver's, gives way like an assisted one, and the hand feels the whole torque.
 """
 
 from __future__ import annotations
@@ -55,11 +55,12 @@ class Gear(NamedTuple):
 class Column(ABC):
     """Data of steering wheel and shafts; not mirrored.
 
-    stiffness [N m/rad] and damping [N m s/rad] of torsion bar and mesh, at the pinion. pinion_foot: where the pinion shaft ends in the
-    gear; pinion_joint, column_joint: centres of the universal joints; wheel_hub: hub of the steering wheel [m]; wheel_inertia: of steering
-    wheel and column about the axis [kg m^2]. assist: electric power steering; friction: dry, of gear and column together, at the rack [N]
-    or the pitman arm [N m] (solver.vehicle.power_steering). lock: angle of the steering wheel at its end stops, to either side [rad]; None:
-    as far as the linkage goes (solver.vehicle.end_stops).
+    stiffness [N m/rad] and damping [N m s/rad] of torsion bar and mesh, at the pinion. pinion_foot: where the pinion
+    shaft ends in the gear; pinion_joint, column_joint: centres of the universal joints; wheel_hub: hub of the steering
+    wheel [m]; wheel_inertia: of steering wheel and column about the axis [kg m^2]. assist: electric power steering;
+    friction: dry, of gear and column together, at the rack [N] or the pitman arm [N m] (solver.vehicle.power_steering).
+    lock: angle of the steering wheel at its end stops, to either side [rad]; None: as far as the linkage goes
+    (solver.vehicle.end_stops).
     """
 
     stiffness: TurnStiffness
@@ -87,7 +88,8 @@ class Column(ABC):
         """Way of the inner tie-rod balls [m] at an angle of the steering wheel [rad]. arm: as of gear()."""
 
     def ends_at(self, linkages: Iterable[Linkage], arm: float) -> float | None:
-        """Angle of the steering wheel at the end stops [rad]: `lock`, or what follows from these linkages (solver.vehicle.end_stops)."""
+        """Angle of the steering wheel at the end stops [rad]: `lock`, or what follows from these linkages
+        (solver.vehicle.end_stops)."""
         return lock_of(linkages, lambda angle: self.moves(angle, arm)) if self.lock is None else self.lock
 
     @abstractmethod
@@ -95,18 +97,26 @@ class Column(ABC):
         """The gear on its subframe. arm: of the tie rods, see Suspension.steering_arm; only its sign counts."""
 
     def mesh(self, gear: Gear, chassis: RigidBodySpec) -> Parts:
-        """The elasticity over pinion angle minus ratio times the coordinate of the output, with a motor on that if there is one."""
+        """The elasticity over pinion angle minus ratio times the coordinate of the output, with a motor on that if
+        there is one."""
         pinion, output = ('steering_pinion', 1.0), (gear.coordinate, -gear.ratio)
         if self.assist is not None:
-            return Parts(servos=(assisted_mesh(self.assist, gear.mesh, (output, pinion), self.stiffness, self.damping, chassis),))
+            return Parts(
+                servos=(assisted_mesh(self.assist, gear.mesh, (output, pinion), self.stiffness, self.damping, chassis),)
+            )
         spring, damper = Law.linear(self.stiffness), Law.linear(self.damping)
-        return Parts(coordinate_forces=(CoordinateForceSpec(name=gear.mesh, terms=(pinion, output), spring=spring, damper=damper),))
+        return Parts(
+            coordinate_forces=(
+                CoordinateForceSpec(name=gear.mesh, terms=(pinion, output), spring=spring, damper=damper),
+            )
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class SteeringGear(Column):
-    """Data of a steering with rack and pinion, what a file has that names no kind. rack: with the inner tie-rod balls. rack_per_turn:
-    travel per turn of the pinion [m]. rack_damping: of steering damper, assistance and guides [N s/m]."""
+    """Data of a steering with rack and pinion, what a file has that names no kind. rack: with the inner tie-rod balls.
+    rack_per_turn: travel per turn of the pinion [m]. rack_damping: of steering damper, assistance and guides [N
+    s/m]."""
 
     implied: ClassVar[bool] = True  # where a file names no kind
     kind: Literal['rack_and_pinion'] = 'rack_and_pinion'
@@ -132,19 +142,25 @@ class SteeringGear(Column):
         """Pinion and rack; coordinate rack, positive along y."""
         at = self.rack.com
         rack = self.rack.body('rack', at)
-        slide = JointSpec(name='rack', kind='prismatic', i=marker_at(subframe, at, LEFTWARDS), j=marker_at(rack, at, LEFTWARDS))
+        slide = JointSpec(
+            name='rack', kind='prismatic', i=marker_at(subframe, at, LEFTWARDS), j=marker_at(rack, at, LEFTWARDS)
+        )
         damper = steering_damper(subframe, rack, at, self.rack_damping)
         parts = Parts(bodies=(rack,), joints=(slide,), spring_dampers=(damper,))
         return Gear(parts, 'rack_and_pinion', 'rack', self.ratio(arm), SLOW, rack)
 
 
-def steering_gear(data: Column, chassis: RigidBodySpec, subframe: RigidBodySpec, arm: float) -> tuple[Parts, RigidBodySpec]:
-    """(steering, what the tie rods go to). arm: of the tie rods, see Suspension.steering_arm; only its sign counts. Coordinates
-    steering_wheel, steering_pinion (positive to the left) and those of the gear."""
+def steering_gear(
+    data: Column, chassis: RigidBodySpec, subframe: RigidBodySpec, arm: float
+) -> tuple[Parts, RigidBodySpec]:
+    """(steering, what the tie rods go to). arm: of the tie rods, see Suspension.steering_arm; only its sign counts.
+    Coordinates steering_wheel, steering_pinion (positive to the left) and those of the gear."""
     foot, low, high, hub = data.pinion_foot, data.pinion_joint, data.column_joint, data.wheel_hub
     middle = vector_of(0.5 * np.add(low, high))
     # each axis points towards the driver
-    pinion_axis, shaft_axis, column_axis = (vector_of(np.subtract(b, a)) for a, b in ((foot, low), (low, high), (high, hub)))
+    pinion_axis, shaft_axis, column_axis = (
+        vector_of(np.subtract(b, a)) for a, b in ((foot, low), (low, high), (high, hub))
+    )
     gear = data.gear(subframe, arm)
     pinion = rods('steering_pinion', ((data.pinion_mass, foot, low, SHAFT_RADIUS),))
     lower = rods('steering_shaft_lower', ((0.5 * data.shaft_mass, low, middle, SHAFT_RADIUS),))
@@ -156,7 +172,8 @@ def steering_gear(data: Column, chassis: RigidBodySpec, subframe: RigidBodySpec,
 
     joints = (
         ('steering_pinion', 'revolute', *both(subframe, pinion, foot, pinion_axis)),
-        # the pins of the intermediate shaft lie in the planes of the two joints, so that their fluctuations nearly cancel
+        # the pins of the intermediate shaft lie in the planes of the two joints, so that their fluctuations nearly
+        # cancel
         ('steering_joint_lower', 'universal', *shaft_markers(pinion, lower, low, pinion_axis, shaft_axis)),
         ('steering_slide', 'prismatic', *both(lower, upper, middle, shaft_axis)),
         ('steering_joint_upper', 'universal', *shaft_markers(wheel, upper, high, column_axis, shaft_axis)),
@@ -167,14 +184,20 @@ def steering_gear(data: Column, chassis: RigidBodySpec, subframe: RigidBodySpec,
         joints=tuple(JointSpec(name=name, kind=kind, i=i, j=j) for name, kind, i, j in joints),
         couplers=(CouplerSpec(name='driver', terms=(('steering_wheel', 1.0),), offset=0.0, input='steering'),),
     )
-    return joined((gear.parts, column, data.mesh(gear, chassis), friction(gear.coordinate, data.friction, gear.slow))), gear.output
+    return joined(
+        (gear.parts, column, data.mesh(gear, chassis), friction(gear.coordinate, data.friction, gear.slow))
+    ), gear.output
 
 
 def steering_damper(subframe: RigidBodySpec, body: RigidBodySpec, at: Vector, damping: float) -> SpringDamperSpec:
     """The damper along y between a subframe and a body at a point [m]; damping [N s/m]."""
     left = vector_of(np.array(at) + (0.0, DAMPER_LENGTH, 0.0))
     return SpringDamperSpec(
-        name='steering_damper', i=marker_at(subframe, left), j=marker_at(body, at), free_length=DAMPER_LENGTH, damper=Law.linear(damping)
+        name='steering_damper',
+        i=marker_at(subframe, left),
+        j=marker_at(body, at),
+        free_length=DAMPER_LENGTH,
+        damper=Law.linear(damping),
     )
 
 
@@ -185,4 +208,9 @@ def steering_wheel(data: Column, axis: np.ndarray) -> RigidBodySpec:
     across = 0.5 * data.wheel_inertia + data.wheel_mass * float(product(axis, axis)) / 12.0
     inertia = across * np.eye(3) + (data.wheel_inertia - across) * np.outer(n, n)
     six = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
-    return RigidBodySpec(name='steering_wheel', mass=data.wheel_mass, inertia=tuple(float(c) for c in six), position=data.wheel_hub)  # type: ignore[arg-type]
+    return RigidBodySpec(
+        name='steering_wheel',
+        mass=data.wheel_mass,
+        inertia=tuple(float(c) for c in six),  # type: ignore[arg-type]
+        position=data.wheel_hub,
+    )

@@ -64,7 +64,11 @@ class Stabilizer:
         terms, f, s = ((ARTICULATION, 1.0),), self.friction, SLOW
         pads = Law.table([(-2.0 * s, -f), (-s, -f), (0.0, 0.0), (s, f), (2.0 * s, f)])
         laws = (('hitch_friction', self.friction, pads), ('hitch_damper', self.damping, Law.linear(self.damping)))
-        return Parts(coordinate_forces=tuple(CoordinateForceSpec(name=n, terms=terms, damper=law) for n, size, law in laws if size > 0.0))
+        return Parts(
+            coordinate_forces=tuple(
+                CoordinateForceSpec(name=n, terms=terms, damper=law) for n, size, law in laws if size > 0.0
+            )
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,10 +89,24 @@ class Trailer:
     def __post_init__(self) -> None:
         require(1 <= len(self.axles) <= 2, 'trailer', 'axles', len(self.axles), 'a trailer has one or two of them')
         for axle in self.axles:
-            require(axle.drive is None, 'trailer', 'axles', axle.name, 'an axle of a trailer is not driven: remove its drive')
-            require(axle.rack is None, 'trailer', 'axles', axle.name, 'an axle of a trailer is not steered: remove its rack')
+            require(
+                axle.drive is None,
+                'trailer',
+                'axles',
+                axle.name,
+                'an axle of a trailer is not driven: remove its drive',
+            )
+            require(
+                axle.rack is None, 'trailer', 'axles', axle.name, 'an axle of a trailer is not steered: remove its rack'
+            )
         along = [axle.suspension.wheel.center[0] for axle in self.axles]
-        require(all(a > b for a, b in pairwise(along)), 'trailer', 'axles', along, 'must stand one behind the other, from front to rear')
+        require(
+            all(a > b for a, b in pairwise(along)),
+            'trailer',
+            'axles',
+            along,
+            'must stand one behind the other, from front to rear',
+        )
         require(self.coupling[1] == 0.0, 'trailer', 'coupling', self.coupling, 'must lie in the middle, y = 0')
         ahead = f'must lie ahead of the first axle, x = {along[0]:g} m'
         require(self.coupling[0] > along[0], 'trailer', 'coupling', self.coupling, ahead)
@@ -109,10 +127,15 @@ def require_behind(trailer: Trailer | None, hitch: Vector | None, rear: float) -
     assert hitch is not None
     require(hitch[1] == 0.0, 'car', 'hitch', hitch, 'must lie in the middle, y = 0')
     apart = hitch[2] - trailer.coupling[2]
-    remedy = f'is {abs(apart):.3g} m {"above" if apart > 0.0 else "below"} the coupling of the trailer; {APART:g} m are bridged at most'
+    remedy = (
+        f'is {abs(apart):.3g} m {"above" if apart > 0.0 else "below"} the coupling of the trailer; {APART:g} m '
+        'are bridged at most'
+    )
     require(abs(apart) <= APART, 'car', 'hitch', hitch, remedy)
     first = trailer.axles[0].suspension.wheel.center[0] + hitch[0] - trailer.coupling[0]
-    require(first < rear, 'trailer', 'coupling', trailer.coupling, 'puts its first axle ahead of the last axle of the car')
+    require(
+        first < rear, 'trailer', 'coupling', trailer.coupling, 'puts its first axle ahead of the last axle of the car'
+    )
 
 
 def towed(trailer: Trailer | None, hitch: Vector | None, car: RigidBodySpec) -> Parts:
@@ -127,14 +150,23 @@ def towed(trailer: Trailer | None, hitch: Vector | None, car: RigidBodySpec) -> 
         corners = suspensions(axle, Structure(body, base))
         parts += [frame, *(corner.parts for corner in corners.values()), axle_bar(axle, base, corners)]
     drags: tuple[AeroDragSpec, ...] = tuple(drag.replace(name='aero_trailer') for drag in aero_drag(trailer.aero, body))
-    own = joined((*parts, Parts(aero_drags=drags), Parts() if trailer.stabilizer is None else trailer.stabilizer.parts()))
-    return joined((own.replace(bodies=moved(own.bodies, np.subtract(hitch, trailer.coupling))), coupled(trailer, hitch, car, body)))
+    own = joined(
+        (*parts, Parts(aero_drags=drags), Parts() if trailer.stabilizer is None else trailer.stabilizer.parts())
+    )
+    return joined(
+        (
+            own.replace(bodies=moved(own.bodies, np.subtract(hitch, trailer.coupling))),
+            coupled(trailer, hitch, car, body),
+        )
+    )
 
 
 def coupled(trailer: Trailer, hitch: Vector, car: RigidBodySpec, body: RigidBodySpec) -> Parts:
     """Ball coupling and coordinate of articulation. body: the trailer, in its own design frame."""
     joint = JointSpec(name=HITCH, kind='spherical', i=marker_at(car, hitch), j=marker_at(body, trailer.coupling))
-    angle = CoordinateSpec(name=ARTICULATION, kind='rotation', i=marker_at(car, hitch, UP), j=marker_at(body, trailer.coupling, UP))
+    angle = CoordinateSpec(
+        name=ARTICULATION, kind='rotation', i=marker_at(car, hitch, UP), j=marker_at(body, trailer.coupling, UP)
+    )
     return Parts(joints=(joint,), coordinates=(angle,))
 
 
@@ -151,7 +183,10 @@ def has_trailer(model: ModelSpec) -> bool:
 def refuse_trailer(model: ModelSpec) -> None:
     """Raise SpecError for a vehicle with a trailer."""
     if has_trailer(model):
-        raise SpecError('the vehicle pulls a trailer, which this level does not have; use condensed or full, or remove vehicle.trailer')
+        raise SpecError(
+            'the vehicle pulls a trailer, which this level does not have; use condensed or full, or remove '
+            'vehicle.trailer'
+        )
 
 
 def without_trailer(model: ModelSpec) -> ModelSpec:
@@ -169,7 +204,11 @@ def without_trailer(model: ModelSpec) -> ModelSpec:
         written = [name for name, *_ in getattr(spec, 'terms', ())] + [getattr(spec, 'coordinate', None)]
         return not (held_by(spec) & gone or {str(name).partition('/')[0] for name in written} & names)
 
-    kept = {section: tuple(spec for spec in specs if stays(spec)) for section, specs in model.sections().items() if section != 'bodies'}
+    kept = {
+        section: tuple(spec for spec in specs if stays(spec))
+        for section, specs in model.sections().items()
+        if section != 'bodies'
+    }
     return dataclasses.replace(model, **kept, bodies=tuple(body for body in model.bodies if body.name not in gone))
 
 

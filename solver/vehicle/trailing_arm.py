@@ -1,4 +1,5 @@
-"""Trailing or semi-trailing arm: the arm is the upright, on two coaxial bushings (or a revolute joint) at its pivots."""
+"""Trailing or semi-trailing arm: the arm is the upright, on two coaxial bushings (or a revolute joint) at its
+pivots."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ from solver.vehicle.wheel_end import IndependentSuspension
 
 @dataclass(frozen=True, kw_only=True)
 class TrailingArm(Sprung, IndependentSuspension):
-    """Data of the left wheel suspension. upright: the arm with the wheel carrier; pivots: two points of its axis [m]; spring_chassis,
-    spring_arm, damper_chassis, damper_arm: ends of spring and damper [m]."""
+    """Data of the left wheel suspension. upright: the arm with the wheel carrier; pivots: two points of its axis [m];
+    spring_chassis, spring_arm, damper_chassis, damper_arm: ends of spring and damper [m]."""
 
     kind: Literal['trailing_arm'] = 'trailing_arm'
     pivots: tuple[Point, Point]

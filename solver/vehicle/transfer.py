@@ -1,16 +1,19 @@
 """Between gearbox and driven axles: how its torque is divided among them, and what locks two of them.
 
-    divided:  omega = sum of share_k omega_k,   T_k = share_k T        of the gearbox omega, T; at the shaft to axle k omega_k, T_k
-    locked:   T = stiffness s + damping ds/dt,  s = x_a - x_b          x: what the mean of the wheels of an axle has turned, T at the wheels
+    divided:  omega = sum of share_k omega_k,   T_k = share_k T        of the gearbox omega, T; at the shaft to axle k
+              omega_k, T_k
+    locked:   T = stiffness s + damping ds/dt,  s = x_a - x_b          x: what the mean of the wheels of an axle has
+              turned, T at the wheels
 
-The first is an ideal centre differential: planetary gears without inertia whose shares add up to one (half each between bevel gears), one
-behind the other between more than two axles. Its torques follow from its speeds by their power, sum of T_k omega_k = T omega, so nothing
-is lost however fast the axles turn. The second is a transfer case that is locked (its shafts and gears wind up by s, whose energy is
-stored) or viscous (T ds/dt is lost), beside the differential or, where the shares are 1 and 0, alone: an axle that is engaged.
+The first is an ideal centre differential: planetary gears without inertia whose shares add up to one (half each between
+bevel gears), one behind the other between more than two axles. Its torques follow from its speeds by their power, sum
+of T_k omega_k = T omega, so nothing is lost however fast the axles turn. The second is a transfer case that is locked
+(its shafts and gears wind up by s, whose energy is stored) or viscous (T ds/dt is lost), beside the differential or,
+where the shares are 1 and 0, alone: an axle that is engaged.
 
-Shafts are measured, and torques act on them, against the engine, which holds gearbox and transfer case; x is the angle of a propeller
-shaft there over the ratio of the axle. An axle without a shaft from there (half shafts from a housing of their own) is locked by its
-outputs to the drive pinion of the other one.
+Shafts are measured, and torques act on them, against the engine, which holds gearbox and transfer case; x is the angle
+of a propeller shaft there over the ratio of the axle. An axle without a shaft from there (half shafts from a housing of
+their own) is locked by its outputs to the drive pinion of the other one.
 """
 
 from __future__ import annotations
@@ -34,8 +37,9 @@ Terms = tuple[tuple[str, float], ...]
 
 
 class Driven(NamedTuple):
-    """The drive of an axle. share: of the torque that it is given; outputs: coordinates of its outputs, left and right, positive when
-    rolling forward; shaft: its propeller shaft (None: it has none); inside: its differential is in the gearbox."""
+    """The drive of an axle. share: of the torque that it is given; outputs: coordinates of its outputs, left and right,
+    positive when rolling forward; shaft: its propeller shaft (None: it has none); inside: its differential is in the
+    gearbox."""
 
     parts: Parts
     kind: str
@@ -59,8 +63,8 @@ class Driven(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Transfer:
-    """A connection of two driven axles: a locked transfer case (stiffness [N m/rad]), or a viscous one (damping [N m s/rad] alone), both at
-    the wheels. axle, to: the two (to None: the only other one with a propeller shaft)."""
+    """A connection of two driven axles: a locked transfer case (stiffness [N m/rad]), or a viscous one (damping [N m
+    s/rad] alone), both at the wheels. axle, to: the two (to None: the only other one with a propeller shaft)."""
 
     implied: ClassVar[bool] = True  # a mapping that is no list of them
 
@@ -77,18 +81,36 @@ class Transfer:
         """The force element `name`. driven: by axle."""
         terms = self._terms(driven)
         spring = Law.linear(self.stiffness) if self.stiffness > 0.0 else None
-        return Parts(coordinate_forces=(CoordinateForceSpec(name=name, terms=terms, spring=spring, damper=Law.linear(self.damping)),))
+        return Parts(
+            coordinate_forces=(
+                CoordinateForceSpec(name=name, terms=terms, spring=spring, damper=Law.linear(self.damping)),
+            )
+        )
 
     def behind(self, driven: Mapping[str, Driven]) -> str:
         """The axle that `axle` is connected with. Raises SpecError."""
         require(self.axle in driven, 'transfer', 'axle', self.axle, f'is not driven; driven are: {", ".join(driven)}')
         if self.to is None:
             shafts = [name for name, one in driven.items() if one.shaft is not None and name != self.axle]
-            require(bool(shafts), 'transfer', 'axle', self.axle, 'needs another axle with a propeller shaft to be locked to')
-            require(len(shafts) == 1, 'transfer', 'to', None, f'name the axle that {self.axle} is locked to: {" or ".join(shafts)}')
+            require(
+                bool(shafts), 'transfer', 'axle', self.axle, 'needs another axle with a propeller shaft to be locked to'
+            )
+            require(
+                len(shafts) == 1,
+                'transfer',
+                'to',
+                None,
+                f'name the axle that {self.axle} is locked to: {" or ".join(shafts)}',
+            )
             return shafts[0]
         others = [name for name in driven if name != self.axle]
-        require(self.to in others, 'transfer', 'to', self.to, f'is no other driven axle; these are: {", ".join(others) or "none"}')
+        require(
+            self.to in others,
+            'transfer',
+            'to',
+            self.to,
+            f'is no other driven axle; these are: {", ".join(others) or "none"}',
+        )
         return self.to
 
     def at_engine(self, driven: Mapping[str, Driven]) -> bool:
@@ -100,7 +122,13 @@ class Transfer:
         to = self.behind(driven)
         first, second = driven[self.axle], driven[to]
         shaft = second.shaft or first.shaft
-        require(shaft is not None, 'transfer', 'axle', self.axle, f'and {to} have no propeller shaft: give one of them such a drive')
+        require(
+            shaft is not None,
+            'transfer',
+            'axle',
+            self.axle,
+            f'and {to} have no propeller shaft: give one of them such a drive',
+        )
         assert shaft is not None
         if self.at_engine(driven):
             return (*_turned(first, 1.0), *_turned(second, -1.0))
@@ -124,24 +152,30 @@ def transfers(given: tuple[Transfer, ...], driven: Mapping[str, Driven]) -> Part
     return joined(one.parts(name, driven) for one, name in zip(given, names, strict=True))
 
 
-def shafts_at_engine(engine: RigidBodySpec | None, given: tuple[Transfer, ...], driven: Mapping[str, Driven], *, powered: bool) -> Parts:
+def shafts_at_engine(
+    engine: RigidBodySpec | None, given: tuple[Transfer, ...], driven: Mapping[str, Driven], *, powered: bool
+) -> Parts:
     """Coordinates of the propeller shafts against the engine where something acts there: a gearbox, or a connection."""
     ends = [end for one in given if one.at_engine(driven) for end in (one.axle, one.behind(driven))]
     return Parts(
         coordinates=tuple(
-            _against(engine, one.shaft) for axle, one in driven.items() if one.shaft is not None and (powered or axle in ends)
+            _against(engine, one.shaft)
+            for axle, one in driven.items()
+            if one.shaft is not None and (powered or axle in ends)
         )
     )
 
 
 def _against(engine: RigidBodySpec | None, shaft: PropellerShaft) -> CoordinateSpec:
     assert engine is not None  # drives with a propeller shaft need one
-    i, j = shaft_markers(engine, shaft.body, shaft.body.position, shaft.turning, shaft.axis)  # so it turns as evenly as it does
+    # so it turns as evenly as it does
+    i, j = shaft_markers(engine, shaft.body, shaft.body.position, shaft.turning, shaft.axis)
     return CoordinateSpec(name=shaft.output, kind='rotation', i=i, j=j)
 
 
 def divided(driven: Iterable[Driven], final: float) -> Terms:
-    """Coordinates that a gearbox turns, with their shares of its torque behind a final drive of a ratio; see the module."""
+    """Coordinates that a gearbox turns, with their shares of its torque behind a final drive of a ratio; see the
+    module."""
     return tuple((name, one.share * factor) for one in driven for name, factor in one.at_gearbox(final))
 
 
@@ -150,11 +184,20 @@ def _connections(model: ModelSpec) -> list[CoordinateForceSpec]:
 
 
 def refuse_locked(model: ModelSpec) -> None:
-    """Raise SpecError for a vehicle with axles that are locked to each other, at levels of detail that do not have this."""
+    """Raise SpecError for a vehicle with axles that are locked to each other, at levels of detail that do not have
+    this."""
     locked = [force.name for force in _connections(model) if force.spring is not None]
-    require(not locked, 'vehicle', ', '.join(locked), 'stiffness', 'this level has no locked transfer case: use condensed or full')
+    require(
+        not locked,
+        'vehicle',
+        ', '.join(locked),
+        'stiffness',
+        'this level has no locked transfer case: use condensed or full',
+    )
 
 
 def without_connections(model: ModelSpec) -> tuple[str, ...]:
     """Sentences on properties of viscous connections that such levels do not show."""
-    return tuple(f'the torque of {force.name} between axles that turn differently fast' for force in _connections(model))
+    return tuple(
+        f'the torque of {force.name} between axles that turn differently fast' for force in _connections(model)
+    )

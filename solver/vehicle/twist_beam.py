@@ -1,12 +1,14 @@
-"""Twist beam: two trailing arms on one bushing each, joined by a cross-beam that is stiff in bending and soft in torsion.
+"""Twist beam: two trailing arms on one bushing each, joined by a cross-beam that is stiff in bending and soft in
+torsion.
 
-    left arm with half the beam -revolute- right arm with the other half       (in the middle, at the shear centre; torsion spring)
+    left arm with half the beam -revolute- right arm with the other half       (in the middle, at the shear centre;
+                                                                               torsion spring)
     chassis -bushing- arm
 
-In parallel travel both arms turn about the line of the pivots; in opposite travel each turns about the line from its pivot to the shear
-centre, which the two halves share, so the place of the shear centre between pivots and wheels decides camber and toe in roll. With
-ideal pivots (spherical joints) the halves are joined by a universal joint: the bending about the vertical axis that the exact geometry
-of large roll wants is left to them.
+In parallel travel both arms turn about the line of the pivots; in opposite travel each turns about the line from its
+pivot to the shear centre, which the two halves share, so the place of the shear centre between pivots and wheels
+decides camber and toe in roll. With ideal pivots (spherical joints) the halves are joined by a universal joint: the
+bending about the vertical axis that the exact geometry of large roll wants is left to them.
 """
 
 from __future__ import annotations
@@ -33,9 +35,10 @@ FORWARD: Vector = (1.0, 0.0, 0.0)
 class TwistBeam(Sprung, Suspension):
     """Data of the left half; both halves are alike.
 
-    arm: trailing arm, wheel carrier and half of the cross-beam; pivot: centre of its bushing; shear_center: of the cross-beam in the
-    middle of the car (y = 0) [m]. torsion: moment of the cross-beam over the twist between the halves [N m/rad], torsion_loss: damping
-    over stiffness [s]. spring_chassis, spring_arm, damper_chassis, damper_arm: ends of spring and damper [m].
+    arm: trailing arm, wheel carrier and half of the cross-beam; pivot: centre of its bushing; shear_center: of the
+    cross-beam in the middle of the car (y = 0) [m]. torsion: moment of the cross-beam over the twist between the halves
+    [N m/rad], torsion_loss: damping over stiffness [s]. spring_chassis, spring_arm, damper_chassis, damper_arm: ends of
+    spring and damper [m].
     """
 
     kind: Literal['twist_beam'] = 'twist_beam'
@@ -51,9 +54,17 @@ class TwistBeam(Sprung, Suspension):
         finite('twist beam', 'torsion', self.torsion, low=0.0)
         finite('twist beam', 'torsion_loss', self.torsion_loss, low=0.0)
         centred = abs(self.shear_center[1]) < 1e-9
-        require(centred, 'twist beam', 'shear_center', self.shear_center, 'must lie in the plane y = 0, where the two halves meet')
+        require(
+            centred,
+            'twist beam',
+            'shear_center',
+            self.shear_center,
+            'must lie in the plane y = 0, where the two halves meet',
+        )
 
-    def corners(self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None) -> dict[str, Corner]:
+    def corners(
+        self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None
+    ) -> dict[str, Corner]:
         """Both halves by side; the beam is a part of the left one."""
         require(right is None, 'twist beam', 'right', 'given', 'the two halves are alike: remove it')
         arms = {side: self.arm.body(f'beam_{axle}_{side}', self.wheel.center, side) for side in SIDES}
@@ -61,7 +72,16 @@ class TwistBeam(Sprung, Suspension):
         for side, arm in arms.items():
             name, base = f'{axle}_{side}', structures[side]
             hub, wheel = self.hub(name, side, base.chassis, arm)
-            foot = mounting(f'arm_{name}', base.subframe, arm, (self.pivot,), self.bushing, ideal='spherical', side=side, axis=LEFTWARDS)
+            foot = mounting(
+                f'arm_{name}',
+                base.subframe,
+                arm,
+                (self.pivot,),
+                self.bushing,
+                ideal='spherical',
+                side=side,
+                axis=LEFTWARDS,
+            )
             parts = [Parts(bodies=(arm,)), hub, foot, sprung(name, side, base.chassis, arm, self)]
             if side == 'left':
                 parts.append(self._beam(f'beam_{axle}', arms))

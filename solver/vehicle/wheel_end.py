@@ -2,7 +2,8 @@
 
 Coordinates of a corner:
 
-    travel_<corner>   wheel centre relative to the chassis along z of the chassis [m], 0 in the design position, positive in bump
+    travel_<corner>   wheel centre relative to the chassis along z of the chassis [m], 0 in the design position,
+                      positive in bump
     wheel_<corner>    rotation of the wheel on the upright [rad], positive when rolling forward
 """
 
@@ -32,8 +33,9 @@ from solver.vehicle.size import CORNERS
 
 @dataclass(frozen=True, kw_only=True)
 class Wheel:
-    """A wheel with everything that turns with it. center: in the design position [m]; spin_inertia about its axis, inertia about a
-    diameter [kg m^2]; toe (positive: toe-in) and camber (negative: top inwards) in the design position."""
+    """A wheel with everything that turns with it. center: in the design position [m]; spin_inertia about its axis,
+    inertia about a diameter [kg m^2]; toe (positive: toe-in) and camber (negative: top inwards) in the design
+    position."""
 
     center: Point
     mass: Mass
@@ -45,7 +47,9 @@ class Wheel:
     def __post_init__(self) -> None:
         require_positive('wheel', self, 'spin_inertia', 'inertia')
         self.body('wheel', 'left')  # which checks that such a body exists
-        require(self.center[1] > 0.0, 'wheel', 'center[1]', self.center[1], 'must be > 0: data are those of the left side')
+        require(
+            self.center[1] > 0.0, 'wheel', 'center[1]', self.center[1], 'must be > 0: data are those of the left side'
+        )
         require(self.center[2] > 0.0, 'wheel', 'center[2]', self.center[2], 'must be > 0, above the ground')
 
     def body(self, name: str, side: str) -> RigidBodySpec:
@@ -53,12 +57,15 @@ class Wheel:
         s = SIDES[side]
         orientation = quaternion(frame_of_rpy((-s * self.camber, 0.0, -s * self.toe)))
         inertia = (self.inertia, self.spin_inertia, self.inertia, 0.0, 0.0, 0.0)
-        return RigidBodySpec(name=name, mass=self.mass, inertia=inertia, position=on_side(side, self.center), orientation=orientation)
+        return RigidBodySpec(
+            name=name, mass=self.mass, inertia=inertia, position=on_side(side, self.center), orientation=orientation
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Brake:
-    """Brakes of one axle. share of each wheel in the total brake torque [-]; stiffness [N m/rad] and damping [N m s/rad] when stuck."""
+    """Brakes of one axle. share of each wheel in the total brake torque [-]; stiffness [N m/rad] and damping [N m
+    s/rad] when stuck."""
 
     share: float
     stiffness: TurnStiffness
@@ -90,11 +97,19 @@ def wheel_end(
     """Bearing, tire and brake of a wheel, without the two bodies."""
     mirrored = tire.side not in (side, 'symmetric')
     center, spin, name = wheel.position, spin_axis(wheel), f'wheel_{corner}'
-    slower = math.sqrt(small_tire(tire.values['UNLOADED_RADIUS']))  # times and speeds of standstill, which a small car has smaller
+    # times and speeds of standstill, which a small car has smaller
+    slower = math.sqrt(small_tire(tire.values['UNLOADED_RADIUS']))
     return Parts(
-        joints=(JointSpec(name=name, kind='revolute', i=marker_at(upright, center, spin), j=marker_at(wheel, center, spin)),),
+        joints=(
+            JointSpec(name=name, kind='revolute', i=marker_at(upright, center, spin), j=marker_at(wheel, center, spin)),
+        ),
         coordinates=(
-            CoordinateSpec(name=f'travel_{corner}', kind='translation', i=marker_at(chassis, center, UP), j=marker_at(upright, center, UP)),
+            CoordinateSpec(
+                name=f'travel_{corner}',
+                kind='translation',
+                i=marker_at(chassis, center, UP),
+                j=marker_at(upright, center, UP),
+            ),
         ),
         brakes=(
             BrakeSpec(
@@ -120,8 +135,10 @@ def wheel_end(
     )
 
 
-HIGHEST, LOWEST = 1.25, 0.6  # height of a wheel centre over UNLOADED_RADIUS [-]: hanging in the air, or with the rim (0.64) on the road
-USUAL = (0.75, 1.0)  # of these, where a tire stands on the road, pressed in by at most a quarter (3 to 10 % in cars at rest)
+# height of a wheel centre over UNLOADED_RADIUS [-]: hanging in the air, or with the rim (0.64) on the road
+HIGHEST, LOWEST = 1.25, 0.6
+# of these, where a tire stands on the road, pressed in by at most a quarter (3 to 10 % in cars at rest)
+USUAL = (0.75, 1.0)
 
 
 def height_over_radius(height: float, radius: float) -> str:
@@ -134,15 +151,20 @@ def height_over_radius(height: float, radius: float) -> str:
 
 
 def require_fitting(where: str, wheel: Wheel, tire: TireData) -> None:
-    """Raise SpecError for a tire that is none for the wheel, by its radius and the height of the wheel centre over the road."""
+    """Raise SpecError for a tire that is none for the wheel, by its radius and the height of the wheel centre over the
+    road."""
     height, radius = wheel.center[2], tire['UNLOADED_RADIUS']
-    remedy = f'{height_over_radius(height, radius)}, with wheel.center[2] = {height:g}: mend the radius of {tire.source or tire.name}'
+    remedy = (
+        f'{height_over_radius(height, radius)}, with wheel.center[2] = {height:g}: mend the radius of '
+        f'{tire.source or tire.name}'
+    )
     fits = LOWEST <= height / radius <= HIGHEST
     require(fits, where, 'tire.UNLOADED_RADIUS', radius, f'{remedy}, or the height of the wheel centre (both in m)')
 
 
 def told_of_fit(spec: ModelSpec) -> list[str]:
-    """Wheels of a vehicle whose tires stand on the road otherwise than tires do, in the design position, as sentences."""
+    """Wheels of a vehicle whose tires stand on the road otherwise than tires do, in the design position, as
+    sentences."""
     if not set(CORNERS) <= {tire.name for tire in spec.tires}:
         return []
     heights = {body.name: body.position[2] for body in spec.bodies}
@@ -150,14 +172,17 @@ def told_of_fit(spec: ModelSpec) -> list[str]:
     for tire in spec.tires:
         height, radius = heights[tire.marker.body], tire.data['UNLOADED_RADIUS']
         if odd := height_over_radius(height, radius):
-            numbers = f'UNLOADED_RADIUS = {radius:g} of {tire.data.source or tire.data.name}, wheel.center[2] = {height:g}'
+            numbers = (
+                f'UNLOADED_RADIUS = {radius:g} of {tire.data.source or tire.data.name}, wheel.center[2] = {height:g}'
+            )
             said.append(f'{tire.name}: {odd} ({numbers})')
     return said
 
 
 @dataclass(frozen=True, kw_only=True)
 class Suspension(ABC):
-    """Data that every suspension has of its left wheel. turn_slip: whether it acts at the tire; null: against parking alone."""
+    """Data that every suspension has of its left wheel. turn_slip: whether it acts at the tire; null: against parking
+    alone."""
 
     kind: str
     wheel: Wheel
@@ -171,7 +196,9 @@ class Suspension(ABC):
     def hub(self, name: str, side: str, chassis: RigidBodySpec, upright: RigidBodySpec) -> tuple[Parts, RigidBodySpec]:
         """(wheel of corner `name` with bearing on the upright, tire and brake; body of the wheel)."""
         wheel = self.wheel.body(f'wheel_{name}', side)
-        parts = wheel_end(name, side, wheel, upright, chassis, tire=self.tire, turn_slip=self.turn_slip, brake=self.brake)
+        parts = wheel_end(
+            name, side, wheel, upright, chassis, tire=self.tire, turn_slip=self.turn_slip, brake=self.brake
+        )
         return parts.replace(bodies=(wheel,)), wheel
 
     def steered(self) -> Linkage | None:
@@ -180,14 +207,17 @@ class Suspension(ABC):
         return None
 
     def steering_arm(self) -> float | None:
-        """Distance of the rod to the rack, or to what else moves it, from the steering axis along x [m]: positive in front of the axis,
-        where a rack moves to the left in a left turn. None: as of steered()."""
+        """Distance of the rod to the rack, or to what else moves it, from the steering axis along x [m]: positive in
+        front of the axis, where a rack moves to the left in a left turn. None: as of steered()."""
         linkage = self.steered()
         return None if linkage is None else ahead(linkage.low, linkage.high, linkage.outer)
 
     @abstractmethod
-    def corners(self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None) -> dict[str, Corner]:
-        """Both suspensions of an axle by side. right: data of the right one, as its mirror image; None: those of the left."""
+    def corners(
+        self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None
+    ) -> dict[str, Corner]:
+        """Both suspensions of an axle by side. right: data of the right one, as its mirror image; None: those of the
+        left."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +236,9 @@ class IndependentSuspension(Suspension):
     def corner(self, name: str, side: str, structure: Structure) -> Corner:
         """The suspension of corner `name` on a side."""
 
-    def corners(self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None) -> dict[str, Corner]:
+    def corners(
+        self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None
+    ) -> dict[str, Corner]:
         """Both suspensions of an axle by side; see Suspension."""
         data = {'left': self, 'right': right or self}
         found = {}

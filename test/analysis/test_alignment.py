@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mbd_sim_ros.analysis.alignment import Common, Signal, common, find_offset, rotation_angle, same_turn, slerp, unwrapped
+from mbd_sim_ros.analysis.alignment import (
+    Common,
+    Signal,
+    common,
+    find_offset,
+    rotation_angle,
+    same_turn,
+    slerp,
+    unwrapped,
+)
 from solver.errors import BagError
 
 MS = 1_000_000
@@ -40,16 +49,18 @@ def held(found: Common, k: int) -> dict[int, float]:
 def test_a_command_holds_until_the_next_one() -> None:
     steps = Signal(np.array([0, 200, 400, 600]) * MS, np.array([1.0, 5.0, 9.0, 2.0]))
     fine = Signal(np.array([0, 1, 199, 201, 399, 600]) * MS, np.zeros(6))
-    assert held(common((fine, steps), 'hold'), 1) == {0: 1.0, 200: 5.0, 400: 9.0, 600: 2.0}  # the coarse one has its own instants
+    # the coarse one has its own instants
+    assert held(common((fine, steps), 'hold'), 1) == {0: 1.0, 200: 5.0, 400: 9.0, 600: 2.0}
     dense = Signal(np.arange(0, 601, 3) * MS, np.where(np.arange(0, 601, 3) < 300, 1.0, 5.0))
     found = common((Signal(np.array([100, 298, 301, 500]) * MS, np.zeros(4)), dense), 'hold')
-    assert [held(found, 1)[t] for t in (100, 298, 301, 500)] == [1.0, 1.0, 5.0, 5.0]  # the last one before 301 ms is of 300 ms
+    # the last one before 301 ms is of 300 ms
+    assert [held(found, 1)[t] for t in (100, 298, 301, 500)] == [1.0, 1.0, 5.0, 5.0]
 
 
 @pytest.mark.parametrize(('begin', 'end'), [(300, 700), (2100, 2500), (3200, 3600)])
 def test_what_another_did_while_a_command_held_is_seen(begin: int, end: int) -> None:
-    """Messages on change at 0, 2 and 3 s, of a command that stays zero; the other one, at 100 Hz for 4 s, was one meanwhile. Both were
-    compared at the three instants alone, and the same."""
+    """Messages on change at 0, 2 and 3 s, of a command that stays zero; the other one, at 100 Hz for 4 s, was one
+    meanwhile. Both were compared at the three instants alone, and the same."""
     t = np.arange(0, 4001, 10)
     dense = Signal(t * MS, ((t >= begin) & (t < end)).astype(float))
     sparse = Signal(np.array([0, 2000, 3000]) * MS, np.zeros(3))
@@ -73,7 +84,8 @@ def test_what_a_command_was_before_its_first_message_is_not_known() -> None:
 
 
 def test_wrapped_angles_are_interpolated_across_the_jump() -> None:
-    """A heading that turns steadily, wrapped: between pi and -pi a straight line would pass through zero, off by up to pi."""
+    """A heading that turns steadily, wrapped: between pi and -pi a straight line would pass through zero, off by up to
+    pi."""
     a = signal(150, 400.0, lambda t: np.angle(np.exp(1.3j * t)))
     b = signal(120, 450.0, lambda t: np.angle(np.exp(1.3j * t)), 3.0)
     found = common((a, b), 'angle')
@@ -96,7 +108,8 @@ def test_orientations_turn_steadily_between_samples() -> None:
 
     exact = signal(1000, 3.0, turned)
     rough = signal(30, 100.0, turned, 1.5)
-    flipped = Signal(rough.time_ns, rough.values * np.where(np.arange(30) % 2, -1.0, 1.0)[:, None])  # the same orientations
+    # the same orientations
+    flipped = Signal(rough.time_ns, rough.values * np.where(np.arange(30) % 2, -1.0, 1.0)[:, None])
     found = common((flipped, Signal(np.sort(exact.time_ns), exact.values)), 'orientation')
     assert np.max(rotation_angle(found.values[0], found.values[1])) < 1e-9
     back = common((Signal(exact.time_ns[::50], exact.values[::50]), flipped), 'orientation')
@@ -118,7 +131,9 @@ def test_angle_between_orientations_is_exact_near_zero_and_half_a_turn(angle: fl
     axes = rng.standard_normal((20, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     end = start * Rotation.from_rotvec(angle * axes)
-    np.testing.assert_allclose(rotation_angle(start.as_quat(), -end.as_quat()), angle, rtol=0.0, atol=1e-15 + 4e-16 * 20)
+    np.testing.assert_allclose(
+        rotation_angle(start.as_quat(), -end.as_quat()), angle, rtol=0.0, atol=1e-15 + 4e-16 * 20
+    )
 
 
 def test_overlap_is_the_shared_part_of_the_longer_one_but_for_one_sample() -> None:
@@ -133,7 +148,8 @@ def test_overlap_is_the_shared_part_of_the_longer_one_but_for_one_sample() -> No
 @pytest.mark.parametrize(('h_a', 'h_b'), [(1.0, 10.0), (10.0, 1.0), (10.0, 10.0), (1.0, 1.0), (4.0, 9.0)])
 @pytest.mark.parametrize('planted', [0.137, -1.2034, 0.0])
 def test_a_planted_offset_is_found_within_a_millisecond_in_noise(h_a: float, h_b: float, planted: float, rng) -> None:
-    """Reference stamped `planted` too early, both with noise of 2 % of the peak; the second has another gain and a bias."""
+    """Reference stamped `planted` too early, both with noise of 2 % of the peak; the second has another gain and a
+    bias."""
     a = signal(int(12000 / h_a), h_a, wave)
     t = (np.arange(int(11000 / h_b)) * h_b) * 1e-3
     b = Signal(np.round(t * 1e9).astype(np.int64), 1.1 * wave(t + planted) + 0.05)

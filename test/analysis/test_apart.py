@@ -21,7 +21,10 @@ def car(place: Path, *, yaw: float = 1.0, load: float = 1.0, other: float = 1.0,
     """Signals of a car, with a factor on one of each kind; `other` is of a channel that has no word of its own."""
     loads = {f'{a}_{b}': {'fz': 3000.0 + 500.0 * WAVE} for a in ('front', 'rear') for b in ('left', 'right')}
     loads['rear_left'] = {'fz': load * (3000.0 + 500.0 * WAVE)}
-    topics = {'imu': (T[:end], {'wz': yaw * 0.5 * WAVE[:end], 'ay': 8.0 * WAVE[:end]}), 'engine': (T, {'noise': other * WAVE})}
+    topics = {
+        'imu': (T[:end], {'wz': yaw * 0.5 * WAVE[:end], 'ay': 8.0 * WAVE[:end]}),
+        'engine': (T, {'noise': other * WAVE}),
+    }
     return write_scalars(place, topics | {f'tire/{wheel}/force': (T, columns) for wheel, columns in loads.items()})
 
 
@@ -32,7 +35,8 @@ def compared(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, li
 
 
 def test_two_different_runs_are_told_apart_by_quantity(tmp_path: Path, capsys) -> None:
-    """Yaw rate 10 % too large, the load of one wheel 4 %, a channel of others 50 %: three quantities, each by the part of its peak."""
+    """Yaw rate 10 % too large, the load of one wheel 4 %, a channel of others 50 %: three quantities, each by the part
+    of its peak."""
     reference = car(tmp_path / 'reference')
     run = car(tmp_path / 'run', yaw=1.1, load=1.04, other=1.5)
     code, lines = compared(capsys, run, reference)
@@ -60,7 +64,8 @@ def test_who_says_what_is_allowed_is_answered_by_channels(tmp_path: Path, capsys
 
 
 def test_equal_runs_agree_and_the_default_stays_tight(tmp_path: Path, capsys) -> None:
-    """Exit code 0 is for what is equal to 1e-6 of the peak alone: nothing that failed passes because nobody gave a tolerance."""
+    """Exit code 0 is for what is equal to 1e-6 of the peak alone: nothing that failed passes because nobody gave a
+    tolerance."""
     reference = car(tmp_path / 'reference')
     code, lines = compared(capsys, reference, reference)
     assert (code, lines) == (0, ['7 channels agree, to 1e-06 of their peaks at 1001 instants'])
@@ -86,7 +91,11 @@ def test_a_problem_is_no_agreement(tmp_path: Path, capsys) -> None:
     reference = car(tmp_path / 'reference')
     less = write_scalars(tmp_path / 'less', {'imu': (T, {'wz': 0.5 * WAVE})})
     code, lines = compared(capsys, less, reference)
-    assert code == 1 and lines[-1].startswith('1 channels agree') and lines[-1].endswith('; 6 channels are in one recording only')
+    assert (
+        code == 1
+        and lines[-1].startswith('1 channels agree')
+        and lines[-1].endswith('; 6 channels are in one recording only')
+    )
     assert compared(capsys, less, reference, '--allow-missing')[0] == 0
 
 
@@ -94,5 +103,8 @@ def test_a_recording_without_known_channels_has_its_own_names(tmp_path: Path, ca
     first = write_scalars(tmp_path / 'a', {'joint_states/crank': (T, {'position': WAVE})})
     second = write_scalars(tmp_path / 'b', {'joint_states/crank': (T, {'position': 1.02 * WAVE})})
     code, lines = compared(capsys, second, first)
-    assert code == 1 and lines[-1] == 'the recordings differ: joint_states/crank/position 2 % of their peaks at 1001 instants'
+    assert (
+        code == 1
+        and lines[-1] == 'the recordings differ: joint_states/crank/position 2 % of their peaks at 1001 instants'
+    )
     assert apart.OTHERS >= 1

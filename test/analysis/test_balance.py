@@ -45,7 +45,8 @@ def test_balances_close_with_second_order(scene: str, seconds: float) -> None:
 
 @pytest.mark.slow
 def test_balance_of_the_bushings_reaches_second_order() -> None:
-    """Light parts on them decay at 3e3 1/s and faster, so the order shows late: from 2 ms on errors fall by 2.8, 3.5, 3.9."""
+    """Light parts on them decay at 3e3 1/s and faster, so the order shows late: from 2 ms on errors fall by 2.8, 3.5,
+    3.9."""
     coarse, fine = (followed('car_swept_steer', h, 0.6).report()['energy_by_kind']['bushings'] for h in (5e-4, 2.5e-4))
     assert 3.5 < coarse['error'] / fine['error'] < 4.5
 
@@ -69,13 +70,16 @@ def test_forces_between_bodies_have_no_resultant() -> None:
 
 
 def test_braking_shows_where_the_energy_goes() -> None:
-    """The light car from 72 km/h: brakes and tires take the kinetic energy, the brakes by far the most, and nothing is supplied."""
+    """The light car from 72 km/h: brakes and tires take the kinetic energy, the brakes by far the most, and nothing is
+    supplied."""
     balance = followed('light_car_brake', 1e-3, 2.0, 'start={kind: equilibrium, speed: 20}')
     table = balance.report()['energy_by_kind']
     lost = -table['bodies']['stored']
     assert lost > 1e5
     assert table['brakes']['dissipated'] > 0.85 * lost
-    assert table['brakes']['dissipated'] + table['tires']['dissipated'] + table['aero_drags']['dissipated'] == pytest.approx(lost, rel=0.01)
+    assert table['brakes']['dissipated'] + table['tires']['dissipated'] + table['aero_drags'][
+        'dissipated'
+    ] == pytest.approx(lost, rel=0.01)
     assert table['coordinate_forces']['supplied'] == 0.0
 
 

@@ -52,12 +52,16 @@ def test_peaks_their_difference_and_their_times() -> None:
     assert x.peak == pytest.approx((2.1, -2.0))
     assert x.peak_difference == pytest.approx(0.1)
     assert x.peak_time == pytest.approx((0.4, 0.55))
-    late = compare(run(x=lambda t: np.exp(-(((t - 0.45) / 0.05) ** 2))), run(x=lambda t: np.exp(-(((t - 0.4) / 0.05) ** 2)))).differences[0]
+    late = compare(
+        run(x=lambda t: np.exp(-(((t - 0.45) / 0.05) ** 2))), run(x=lambda t: np.exp(-(((t - 0.4) / 0.05) ** 2)))
+    ).differences[0]
     assert late.rating is not None
     assert late.rating.shift == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize(('rtol', 'atol', 'ok'), [(0.0101, 0.0, True), (0.0099, 0.0, False), (0.005, 0.0101, True), (0.005, 0.0099, False)])
+@pytest.mark.parametrize(
+    ('rtol', 'atol', 'ok'), [(0.0101, 0.0, True), (0.0099, 0.0, False), (0.005, 0.0101, True), (0.005, 0.0099, False)]
+)
 def test_tolerance_is_absolute_plus_relative_to_the_largest_reference_value(rtol: float, atol: float, ok: bool) -> None:
     b = run(x=lambda t: 2.0 * np.cos(np.pi * t))
     a = run_of({'x': b['x'] + 0.02}, b.time_ns)
@@ -95,7 +99,9 @@ def test_topics_of_different_rates_are_compared_each_at_its_own() -> None:
 
     def made(factor: float) -> Run:
         return joined(
-            run(n=1001, h_ns=MS, fast=np.sin), run(n=101, middle=lambda t: factor * np.cos(t)), run(n=31, h_ns=33 * MS, slow=np.exp)
+            run(n=1001, h_ns=MS, fast=np.sin),
+            run(n=101, middle=lambda t: factor * np.cos(t)),
+            run(n=31, h_ns=33 * MS, slow=np.exp),
         )
 
     found = compare(made(1.0), made(1.0), tolerances=within())
@@ -118,12 +124,16 @@ def test_a_run_that_ends_early_is_not_the_same() -> None:
 
 
 def test_quaternions_are_compared_as_orientations() -> None:
-    """About a fixed axis by 0.2 rad more: the angle between the orientations is 0.2 everywhere, whatever the signs and rates."""
+    """About a fixed axis by 0.2 rad more: the angle between the orientations is 0.2 everywhere, whatever the signs and
+    rates."""
     axis = np.array([2.0, -1.0, 2.0]) / 3.0
 
     def turning(n: int, h_ms: int, more: float, start_ms: int = 0) -> Run:
         t = (start_ms + np.arange(n) * h_ms) * MS
-        q = Rotation.from_rotvec(np.outer(0.9 * t * 1e-9 + more, axis)).as_quat() * np.where(np.arange(n) % 3 == 1, -1.0, 1.0)[:, None]
+        q = (
+            Rotation.from_rotvec(np.outer(0.9 * t * 1e-9 + more, axis)).as_quat()
+            * np.where(np.arange(n) % 3 == 1, -1.0, 1.0)[:, None]
+        )
         return run_of({f'odom/pose/q{c}': q[:, k] for k, c in enumerate('xyzw')}, t)
 
     for b in (turning(1001, 10, 0.0), turning(300, 33, 0.0, 5)):
@@ -149,7 +159,10 @@ def test_who_gives_no_orientation_does_not_agree_with_who_does(rate: int) -> Non
 
 def test_a_quaternion_and_its_negative_are_the_same_orientation_but_not_the_same_bits() -> None:
     b = run_of(
-        {f'odom/pose/q{c}': v for c, v in zip('xyzw', Rotation.random(101, random_state=np.random.default_rng(1)).as_quat().T)},
+        {
+            f'odom/pose/q{c}': v
+            for c, v in zip('xyzw', Rotation.random(101, random_state=np.random.default_rng(1)).as_quat().T)
+        },
         np.arange(101) * MS,
     )
     flip = np.where(np.arange(101) % 2, -1.0, 1.0)
@@ -250,7 +263,9 @@ def test_channels_are_chosen_by_pattern() -> None:
 
 def test_each_channel_has_its_own_tolerance(tmp_path: Path) -> None:
     file = tmp_path / 'limits.yaml'
-    file.write_text("tolerances:\n  'imu/*': {rtol: 0.1}\n  '*/speed': {rtol: 0, atol: 0.5, rms: 0.001}\ndefault: {rtol: 0.001}\n")
+    file.write_text(
+        "tolerances:\n  'imu/*': {rtol: 0.1}\n  '*/speed': {rtol: 0, atol: 0.5, rms: 0.001}\ndefault: {rtol: 0.001}\n"
+    )
     limits = load_tolerances(file)
     b = run(**{'imu/wz': np.cos, 'a/speed': lambda t: 20.0 + 0.0 * t, 'z': np.cos})
     a = run_of({'imu/wz': 1.05 * b['imu/wz'], 'a/speed': b['a/speed'] + 0.4, 'z': 1.05 * b['z']}, b.time_ns)
@@ -327,7 +342,8 @@ def test_repeats_of_which_one_is_apart_for_a_while() -> None:
 
 @pytest.mark.parametrize('names', ['p/q{}', 'amcl/pose/orientation/{}', 'tf/transforms[0]/transform/rotation/{}'])
 def test_a_quaternion_and_its_negative_are_one_orientation(names: str) -> None:
-    """Signs that another program has otherwise: fields of PoseStamped, and of TFMessage, were compared one by one, and differed by 2."""
+    """Signs that another program has otherwise: fields of PoseStamped, and of TFMessage, were compared one by one, and
+    differed by 2."""
     q = Rotation.from_rotvec(np.outer(np.linspace(2.8, 3.6, 50), [0.0, 0.0, 1.0])).as_quat()
     both = (run_of({names.format(c): v for c, v in zip('xyzw', one.T)}, np.arange(50) * MS) for one in (q, -q))
     found = compare(*both, tolerances=within(atol=1e-12), channels=[names.format('*').rpartition('/')[0] + '*'])
@@ -336,7 +352,10 @@ def test_a_quaternion_and_its_negative_are_one_orientation(names: str) -> None:
 
 def test_repeats_of_orientations() -> None:
     def tilted(angle: float) -> Run:
-        return run_of({f'p/q{c}': np.full(20, v) for c, v in zip('xyzw', Rotation.from_euler('y', angle).as_quat())}, np.arange(20) * MS)
+        return run_of(
+            {f'p/q{c}': np.full(20, v) for c, v in zip('xyzw', Rotation.from_euler('y', angle).as_quat())},
+            np.arange(20) * MS,
+        )
 
     found = compare(tilted(0.05), *(tilted(a) for a in (-0.1, 0.0, 0.1)))
     assert found.differences[0].max == pytest.approx(0.05, abs=1e-12)
@@ -344,7 +363,8 @@ def test_repeats_of_orientations() -> None:
 
 
 def test_where_no_repeat_has_a_number_the_run_needs_none_either() -> None:
-    """A sensor without orientation, and one that begins late; there is no band, and a run with a number there is outside."""
+    """A sensor without orientation, and one that begins late; there is no band, and a run with a number there is
+    outside."""
     zeros = run_of({f'imu/q{c}': np.zeros(20) for c in 'xyzw'}, np.arange(20) * MS)
     found = compare(zeros, zeros, zeros, tolerances=within(1e-9))
     assert found.ok
@@ -353,7 +373,10 @@ def test_where_no_repeat_has_a_number_the_run_needs_none_either() -> None:
     assert found.ok
     assert found.differences[0].band.width == pytest.approx(0.1 * T_975_2 / np.sqrt(3.0), rel=1e-12)
     assert found.differences[0].band.inside == 1.0
-    assert compare(run_of({'x': np.zeros(20)}, np.arange(20) * MS), *late, tolerances=within(1e-9)).differences[0].max == np.inf
+    assert (
+        compare(run_of({'x': np.zeros(20)}, np.arange(20) * MS), *late, tolerances=within(1e-9)).differences[0].max
+        == np.inf
+    )
 
 
 def test_a_count_of_steps_alone_is_compared_exactly_or_not_at_all() -> None:

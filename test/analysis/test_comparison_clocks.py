@@ -1,4 +1,5 @@
-"""Comparing runs of different clocks and lengths: what is added to their stamps, and how much of their time both have."""
+"""Comparing runs of different clocks and lengths: what is added to their stamps, and how much of their time both
+have."""
 
 from __future__ import annotations
 
@@ -36,7 +37,9 @@ def test_recordings_with_the_time_of_day_count_from_their_first_stamp() -> None:
     later = run(start_ns=1_700_009_000 * 10**9, x=np.sin)
     assert compare(a, b, later, tolerances=within()).ok
     assert compare(b, later, tolerances=within()).origins == (1_700_000_000.0, 1_700_009_000.0)
-    together = compare(b, run(n=51, start_ns=1_700_000_000 * 10**9 + 500 * MS, x=lambda t: np.sin(t + 0.5)), overlap=0.4)
+    together = compare(
+        b, run(n=51, start_ns=1_700_000_000 * 10**9 + 500 * MS, x=lambda t: np.sin(t + 0.5)), overlap=0.4
+    )
     assert together.origins == (0.0, 0.0)  # two recordings of the same drive keep their stamps
     assert together.differences[0].max < 1e-12
     with pytest.raises(BagError, match='do not overlap'):
@@ -44,7 +47,8 @@ def test_recordings_with_the_time_of_day_count_from_their_first_stamp() -> None:
 
 
 def test_what_one_recording_lost_meanwhile_is_not_compared_and_that_is_told() -> None:
-    """From 4 to 6 s the run has no samples, and there the reference is somewhere else: nothing of that is among the differences."""
+    """From 4 to 6 s the run has no samples, and there the reference is somewhere else: nothing of that is among the
+    differences."""
     t = np.arange(1001) * 10 * MS
     inside = (t > 4000 * MS) & (t < 6000 * MS)
     whole = run_of({'x': np.sin(t * 1e-9) + np.where(inside, 5.0, 0.0)}, t)
@@ -58,7 +62,9 @@ def test_what_one_recording_lost_meanwhile_is_not_compared_and_that_is_told() ->
     later = run_of({'x': np.sin(t * 1e-9)[~inside][1:]}, t[~inside][1:])
     assert compare(lossy, later, tolerances=within(1e-9)).ok  # neither has anything there
     few = np.delete(np.arange(1001), [300, 301, 600])
-    assert compare(run_of({'x': np.sin(t * 1e-9)[few]}, t[few]), run_of({'x': np.sin(t * 1e-9)}, t), tolerances=within(1e-9)).ok
+    assert compare(
+        run_of({'x': np.sin(t * 1e-9)[few]}, t[few]), run_of({'x': np.sin(t * 1e-9)}, t), tolerances=within(1e-9)
+    ).ok
 
 
 def test_a_command_lasts_as_long_as_no_other_comes() -> None:
@@ -70,7 +76,8 @@ def test_a_command_lasts_as_long_as_no_other_comes() -> None:
 
 
 def test_an_offset_that_brings_the_stamps_together_is_added_to_them_as_they_are() -> None:
-    """The reference begins 0.25 s into the run, by a clock with the time of day; and a lap that was driven 90 s later."""
+    """The reference begins 0.25 s into the run, by a clock with the time of day; and a lap that was driven 90 s
+    later."""
     epoch = 1_700_000_000 * 10**9
     a = run(n=501, x=lambda t: np.sin(3.0 * t))
     b = run(n=401, start_ns=epoch + 250 * MS, x=lambda t: np.sin(3.0 * (t + 0.25)))
@@ -85,10 +92,14 @@ def test_an_offset_that_brings_the_stamps_together_is_added_to_them_as_they_are(
 def test_offset_is_found_for_every_reference() -> None:
     def swept(shift: float, start_ns: int = 0) -> Run:
         return run(
-            n=1001, start_ns=start_ns, **{'imu/wz': lambda t: np.sin((t + shift) ** 2), 'imu/ay': lambda t: np.cos(2.0 * (t + shift))}
+            n=1001,
+            start_ns=start_ns,
+            **{'imu/wz': lambda t: np.sin((t + shift) ** 2), 'imu/ay': lambda t: np.cos(2.0 * (t + shift))},
         )
 
-    found = compare(swept(0.0), swept(0.137, 1_700_000_000 * 10**9), swept(-0.4), align='imu/wz', tolerances=within(atol=0.02))
+    found = compare(
+        swept(0.0), swept(0.137, 1_700_000_000 * 10**9), swept(-0.4), align='imu/wz', tolerances=within(atol=0.02)
+    )
     assert found.offsets == pytest.approx((0.137, -0.4), abs=1e-3)
     assert all(f.correlation > 0.99 for f in found.found)
     assert next(d for d in found.differences if d.channel == 'imu/ay').max < 0.01
@@ -101,7 +112,9 @@ def test_a_topic_that_shares_no_time_is_told_and_the_others_are_compared() -> No
     a, b = (joined(run(x=np.sin), run_of({'gear': [3.0]}, np.array([at * MS]))) for at in (200, 500))
     found = compare(a, b)
     assert [d.channel for d in found.differences] == ['x'] and found.differences[0].ok
-    assert not found.ok and found.problems[0].startswith('gear: the runs do not overlap in time (0.2 to 0.2 s and 0.5 to 0.5 s)')
+    assert not found.ok and found.problems[0].startswith(
+        'gear: the runs do not overlap in time (0.2 to 0.2 s and 0.5 to 0.5 s)'
+    )
     minded = compare(a, b, overlap=0.0)
     assert minded.ok and minded.notes == found.problems
     with pytest.raises(BagError, match='gear: the runs do not overlap in time'):

@@ -1,4 +1,5 @@
-"""MDF files that are damaged so that the library still reads them: what it says is told, times that are none are dropped and counted."""
+"""MDF files that are damaged so that the library still reads them: what it says is told, times that are none are
+dropped and counted."""
 
 from __future__ import annotations
 

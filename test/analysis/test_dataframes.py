@@ -23,7 +23,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rng = np.random.default_rng(2)
     fast, slow = np.arange(200) * 5_000_000, 7 + np.arange(20) * 50_000_000
     topics = {
-        'tire_states': (fast, {'front_left/fz': rng.standard_normal(200), 'front_left/alpha': rng.standard_normal(200)}),
+        'tire_states': (
+            fast,
+            {'front_left/fz': rng.standard_normal(200), 'front_left/alpha': rng.standard_normal(200)},
+        ),
         'cmd_applied': (slow, {'steering': rng.standard_normal(20)}),
     }
     return write_scalars(tmp_path_factory.mktemp('bags') / 'bag', topics)
@@ -75,7 +78,12 @@ def test_parquet_and_back_is_the_same_bits(recorded: Path, tmp_path: Path) -> No
         pd.testing.assert_frame_equal(back, wanted[file.stem], check_exact=True)
     schema = pq.read_schema(tmp_path / 'deep' / 'tire_states.parquet')
     units = {field.name: field.metadata[b'unit'].decode() for field in schema}
-    assert units == {'time_ns': 'ns', 'time': 's', 'tire_states/front_left/fz': 'N', 'tire_states/front_left/alpha': 'rad'}
+    assert units == {
+        'time_ns': 'ns',
+        'time': 's',
+        'tire_states/front_left/fz': 'N',
+        'tire_states/front_left/alpha': 'rad',
+    }
 
 
 def test_topics_with_hundreds_of_channels_are_written_without_a_warning(tmp_path: Path) -> None:

@@ -18,9 +18,11 @@ def made(least: float = 1e-3, from_start: bool = False) -> Quantity:
 
 
 def test_an_error_of_a_known_size_is_found_with_its_share_of_the_peak() -> None:
-    """A sine of amplitude 0.02 beside one of 2: largest 0.02, root mean square over whole periods 0.02/sqrt(2), shares of the peak of 2.
+    """A sine of amplitude 0.02 beside one of 2: largest 0.02, root mean square over whole periods 0.02/sqrt(2), shares
+    of the peak of 2.
 
-    The largest value on the grid misses the crest by less than (w dt)^2/2 = 5e-4 of it, the mean over 1001 instead of 1000 points by 1e-3.
+    The largest value on the grid misses the crest by less than (w dt)^2/2 = 5e-4 of it, the mean over 1001 instead of
+    1000 points by 1e-3.
     """
     found = departure(made(), T, (2.02 * np.sin(W * T))[:, None], (2.0 * np.sin(W * T))[:, None])
     assert found.max == pytest.approx(0.02, rel=1e-3)
@@ -37,19 +39,26 @@ def test_the_delay_of_a_sine_is_found_between_its_samples(late: float) -> None:
 
 def test_an_offset_is_no_delay_and_noise_has_none() -> None:
     noise = np.random.default_rng(1).normal(size=(T.size, 1))
-    assert departure(made(), T, 3.0 + np.sin(W * T)[:, None], np.sin(W * T)[:, None]).delay == pytest.approx(0.0, abs=1e-9)
+    assert departure(made(), T, 3.0 + np.sin(W * T)[:, None], np.sin(W * T)[:, None]).delay == pytest.approx(
+        0.0, abs=1e-9
+    )
     assert np.isinf(departure(made(), T, noise, np.sin(W * T)[:, None]).delay)
     assert np.isnan(departure(made(least=0.1), T, np.zeros((T.size, 1)), 1e-3 * np.sin(W * T)[:, None]).delay)
 
 
 @pytest.mark.parametrize('other', [0.0 * T, np.sin(1.3 * W * T), -np.sin(W * T)])
 def test_a_small_change_of_something_large_that_is_missed_is_no_short_delay(other: np.ndarray) -> None:
-    """A wheel load of 5000 N that swings by 200 N, in another run not at all, at another frequency, or the other way: within 5 % of its
-    peak, and late without end."""
+    """A wheel load of 5000 N that swings by 200 N, in another run not at all, at another frequency, or the other way:
+    within 5 % of its peak, and late without end."""
     of = Requirement('wheel_load.front_left', 'delay', 5e-3, False)
     quantity = made(least=100.0)
-    assert of.error(departure(quantity, T, 5000.0 + 200.0 * other[:, None], 5000.0 + 200.0 * np.sin(W * T)[:, None])) == np.inf
-    assert of.error(departure(quantity, T, 5000.0 + 20.0 * other[:, None], 5000.0 + 20.0 * np.sin(W * T)[:, None])) == 0.0
+    assert (
+        of.error(departure(quantity, T, 5000.0 + 200.0 * other[:, None], 5000.0 + 200.0 * np.sin(W * T)[:, None]))
+        == np.inf
+    )
+    assert (
+        of.error(departure(quantity, T, 5000.0 + 20.0 * other[:, None], 5000.0 + 20.0 * np.sin(W * T)[:, None])) == 0.0
+    )
 
 
 def test_a_straight_line_has_no_delay_that_an_offset_has_not() -> None:

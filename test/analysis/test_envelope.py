@@ -37,7 +37,10 @@ def test_a_run_that_leaves_its_envelope_is_suspect_with_what_and_when() -> None:
     assert 5.0 < found['value'] < 9.0
     assert found['limit'] == 2.0
     assert 0.3 < found['time'] < 1.2001
-    assert 'lateral acceleration is valid from -1 to 2 m/s^2 (' in found['text'] and 'The limits: certified. ' in found['text']
+    assert (
+        'lateral acceleration is valid from -1 to 2 m/s^2 (' in found['text']
+        and 'The limits: certified. ' in found['text']
+    )
 
 
 @pytest.mark.parametrize('validity', [(), LIMITS[2:], (dataclasses.replace(LIMITS[0], low=-20.0, high=20.0),)])
@@ -52,8 +55,8 @@ def test_a_run_within_its_envelope_is_not(validity: tuple[Limit, ...]) -> None:
 
 
 def test_what_is_left_of_nothing_is_not_left() -> None:
-    """A car that drives straight ahead is certified for lateral accelerations of its rounding, 1e-9 m/s^2, or for none at all; of another
-    rounding it is not suspect, of a bend it is."""
+    """A car that drives straight ahead is certified for lateral accelerations of its rounding, 1e-9 m/s^2, or for none
+    at all; of another rounding it is not suspect, of a bend it is."""
     for width in (1e-9, 0.0):
         straight = Limit(quantity='lateral_acceleration', unit='m/s^2', low=-width, high=width, why='certified')
         for steering, suspect in ((1e-6, False), (0.01, True)):
@@ -68,7 +71,8 @@ def test_what_is_left_of_nothing_is_not_left() -> None:
 
 @pytest.mark.slow
 def test_the_range_of_a_certificate_is_no_limit_of_a_level_of_the_same_name() -> None:
-    """Slips of the wheels, which this level does not show, between two negative numbers; it follows the largest magnitude of an axle."""
+    """Slips of the wheels, which this level does not show, between two negative numbers; it follows the largest
+    magnitude of an axle."""
     simulation = solver.simulation_of(solver.load_scene('light_car_straight', ['fidelity=single_track']))
     certified = Limit(quantity='slip', unit='1', low=-0.0005, high=-0.0004, why='the plan is certified for this range')
     simulation.level = dataclasses.replace(simulation.level, validity=(*simulation.level.validity, certified))
@@ -78,7 +82,8 @@ def test_the_range_of_a_certificate_is_no_limit_of_a_level_of_the_same_name() ->
 
 
 def test_both_ends_of_a_range_are_told() -> None:
-    """5 m/s^2 to the left, then 4 to the right, where -1 to 2 are certified: what a plan has measured to one side covers that alone."""
+    """5 m/s^2 to the left, then 4 to the right, where -1 to 2 are certified: what a plan has measured to one side
+    covers that alone."""
     simulation = solver.simulation_of(solver.load_scene('light_car_straight', ['start={kind: equilibrium}']))
     simulation.level = LevelReport(validity=LIMITS[:1])
     watch = Envelope(simulation)
@@ -122,8 +127,11 @@ def test_how_fast_a_run_swings_is_watched(frequency: float, suspect: bool) -> No
         assert 'frequency of steering wheel is valid up to 5 Hz (envelope 6.9' in found[0].text
 
 
-def leaning(simulation: solver.simulation.Simulation, body: int, degrees: float, axis: tuple[float, float, float]) -> solver.Snapshot:
-    """What a simulation shows, with a body turned by an angle about an axis from where it stands upright in the world."""
+def leaning(
+    simulation: solver.simulation.Simulation, body: int, degrees: float, axis: tuple[float, float, float]
+) -> solver.Snapshot:
+    """What a simulation shows, with a body turned by an angle about an axis from where it stands upright in the
+    world."""
     snapshot = simulation.snapshot()
     half = np.radians(degrees) / 2.0
     snapshot.pose[body, 3:] = [*(np.sin(half) * np.array(axis)), np.cos(half)]
@@ -157,26 +165,32 @@ def test_a_vehicle_that_leans_over_from_the_road_is_told_from_60_degrees_on(
     assert [f.where for f in found] == ['chassis'] * told
     if told:
         away = np.degrees(np.arccos(np.dot(normal, (0.0, 0.0, 1.0)) / np.linalg.norm(normal)))
-        assert found[0].value == pytest.approx(np.radians(abs(degrees) + away), abs=1e-9)  # of those that are told both add up
+        # of those that are told both add up
+        assert found[0].value == pytest.approx(np.radians(abs(degrees) + away), abs=1e-9)
     watch.restart()
     assert watch.findings() == []
 
 
 def test_a_car_on_its_roof_is_suspect_in_its_report() -> None:
-    """With 2.5 times the friction a step steer at 110 km/h turns the car over; it was ok, the chassis half a metre in the road."""
+    """With 2.5 times the friction a step steer at 110 km/h turns the car over; it was ok, the chassis half a metre in
+    the road."""
     steering = 'maneuver={steering: {kind: step, value: 5, start: 0.2, rise: 0.3}}'
     speed = 'start={kind: equilibrium, speed_kmh: 110}'
-    scene = solver.load_scene('light_car_step_steer', ['road={friction: 2.5}', speed, steering, 'duration=2', 'record={every: 20}'])
+    scene = solver.load_scene(
+        'light_car_step_steer', ['road={friction: 2.5}', speed, steering, 'duration=2', 'record={every: 20}']
+    )
     data = simulate(solver.simulation_of(scene), scene.steps)
     assert data['status'] == 'suspect'
     assert 'rollover' in [f['quantity'] for f in data['findings']]
 
 
 def test_a_tire_that_carries_more_than_its_data_cover_is_told() -> None:
-    """FZMAX is 11 kN. Six tonnes of body press the tires with 15 kN in the mean, those in front with more; in the delivered car it is
-    3.5 kN. An instant says nothing."""
+    """FZMAX is 11 kN. Six tonnes of body press the tires with 15 kN in the mean, those in front with more; in the
+    delivered car it is 3.5 kN. An instant says nothing."""
     for mass, told in ((6000, True), (1250, False)):
-        scene = solver.load_scene('light_car_straight', [f'vehicle.chassis.mass={mass}', 'start={kind: equilibrium}', 'maneuver={}'])
+        scene = solver.load_scene(
+            'light_car_straight', [f'vehicle.chassis.mass={mass}', 'start={kind: equilibrium}', 'maneuver={}']
+        )
         watch = Envelope(simulation := solver.simulation_of(scene))
         for _ in range(6):
             watch.look(simulation.advance(100))
@@ -193,8 +207,9 @@ def test_a_tire_that_carries_more_than_its_data_cover_is_told() -> None:
 
 @pytest.mark.parametrize(('speed', 'beyond'), [(1.0, False), (10.0, True)])
 def test_a_tire_that_is_pressed_in_beyond_its_rim_is_told_with_the_instant(speed: float, beyond: bool) -> None:
-    """1000 kg that come down on a 205/55 R16 have 500 J at 1 m/s and 50 kJ at 10 m/s. Its spring of 215 kN/m takes 1.4 kJ until 113 mm are
-    pressed in, when the tread lies on the rim, and the folded sidewall 0.2 kJ; what is beyond may have been 509 kN, and was ok."""
+    """1000 kg that come down on a 205/55 R16 have 500 J at 1 m/s and 50 kJ at 10 m/s. Its spring of 215 kN/m takes 1.4
+    kJ until 113 mm are pressed in, when the tread lies on the rim, and the folded sidewall 0.2 kJ; what is beyond may
+    have been 509 kN, and was ok."""
     wheel = {'mass': 1000, 'inertia': [10, 10, 10], 'position': [0, 0, 0.316]}
     slide = {'kind': 'prismatic', 'i': 'world', 'j': 'wheel', 'at': [0, 0, 0.316], 'axis': [0, 0, 1]}
     tire = {'marker': 'wheel', 'data': str(TIRE)}
@@ -206,7 +221,8 @@ def test_a_tire_that_is_pressed_in_beyond_its_rim_is_told_with_the_instant(speed
     simulation.advance(1000)
     found = [f for f in findings(simulation) if f.quantity == 'tire_deflection']
     assert [(f.where, f.limit) for f in found] == [('tire', pytest.approx(0.316 - 0.2032))] * beyond
-    if beyond:  # from touching on it takes longer than at its first speed, and less than a quarter of a swing on the spring alone
+    # from touching on it takes longer than at its first speed, and less than a quarter of a swing on the spring alone
+    if beyond:
         assert found[0].limit / speed < found[0].time < 0.5 * math.pi * math.sqrt(1000.0 / 215e3)
 
 
@@ -219,9 +235,11 @@ def test_a_trailer_that_rolls_over_is_told_by_its_name() -> None:
 
 
 @pytest.mark.parametrize(('slow', 'recorded'), [(False, False), (True, False), (False, True)])
-def test_what_a_run_is_told_depends_neither_on_what_is_recorded_nor_on_the_machine(slow, recorded, tmp_path: Path, monkeypatch) -> None:
-    """The steering wheel swings at 10 Hz where 5 Hz is certified. Who looks every 0.1 s, as calls of a hundred steps do, sees it stand
-    still; on a slow machine a call makes one step."""
+def test_what_a_run_is_told_depends_neither_on_what_is_recorded_nor_on_the_machine(
+    slow, recorded, tmp_path: Path, monkeypatch
+) -> None:
+    """The steering wheel swings at 10 Hz where 5 Hz is certified. Who looks every 0.1 s, as calls of a hundred steps
+    do, sees it stand still; on a slow machine a call makes one step."""
     if slow:
         monkeypatch.setattr('mbd_sim_ros.batch.DEAF', 0.0)
     steering = 'maneuver.steering={kind: sine, amplitude: 0.1, frequency: 10}'
@@ -229,7 +247,9 @@ def test_what_a_run_is_told_depends_neither_on_what_is_recorded_nor_on_the_machi
     simulation = solver.simulation_of(scene)
     simulation.level = LevelReport(validity=(FREQUENCY,))
     seen: list[int] = []
-    monkeypatch.setattr(Envelope, 'look', lambda self, snapshot, look=Envelope.look: (seen.append(snapshot.k), look(self, snapshot)))
+    monkeypatch.setattr(
+        Envelope, 'look', lambda self, snapshot, look=Envelope.look: (seen.append(snapshot.k), look(self, snapshot))
+    )
     data = simulate(simulation, scene.steps, directory=tmp_path / 'bag' if recorded else None)
     assert seen == [*range(5, 1501, 5)]
     (found,) = data['findings']

@@ -1,4 +1,5 @@
-"""Error bars against motions whose error is known in closed form, and what becomes of motions whose error no twin tells."""
+"""Error bars against motions whose error is known in closed form, and what becomes of motions whose error no twin
+tells."""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ def bar(text: str, *overrides: str) -> tuple[Simulation, dict]:
 
 @pytest.mark.parametrize(('h', 'damping'), [(0.005, 0.0), (0.002, 0.0), (0.001, 1.5), (0.0005, 60.0)])
 def test_the_error_of_an_oscillator_is_that_of_its_closed_form(h: float, damping: float) -> None:
-    """x = 0.1 exp(-d t) (cos w t + d/w sin w t), with d half the damping and w^2 = 400 - d^2. All steps between are of the run."""
+    """x = 0.1 exp(-d t) (cos w t + d/w sin w t), with d half the damping and w^2 = 400 - d^2. All steps between are of
+    the run."""
     text = OSCILLATOR.format(stiffness=400.0, damping=damping, duration=2.0)
     simulation, data = bar(text, f'integrator.h={h}')
     simulation.reset()
@@ -57,14 +59,18 @@ def test_the_error_of_an_oscillator_is_that_of_its_closed_form(h: float, damping
     )  # 1.7 % are near 2 %
 
 
-@pytest.mark.parametrize('settings', [{'h': 0.004}, {'h': 0.004, 'order': 4, 'rho_inf': 1.0, 'mode': 'tolerance', 'tolerance': 1e-12}])
+@pytest.mark.parametrize(
+    'settings', [{'h': 0.004}, {'h': 0.004, 'order': 4, 'rho_inf': 1.0, 'mode': 'tolerance', 'tolerance': 1e-12}]
+)
 def test_the_error_of_a_pendulum_is_that_against_a_finer_run(settings: dict) -> None:
     """By order two and by order four, which falls by 16 with half the step."""
     integrator = ', '.join(f'{key}: {value}' for key, value in settings.items())
     _, data = bar(PENDULUM, f'integrator={{{integrator}}}')
     scene = load_scene_text(PENDULUM, 'scene', [f'integrator={{{integrator}}}'])
     coarse = simulation_of(scene)
-    fine = simulation_of(dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, h=settings['h'] / 16)))
+    fine = simulation_of(
+        dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, h=settings['h'] / 16))
+    )
     worst = 0.0
     for _ in range(scene.steps):
         a, b = coarse.advance(1).joint_position[0], fine.advance(16).joint_position[0]
@@ -114,7 +120,8 @@ def test_what_is_not_measured_is_said_with_the_reason_and_findings_decide(overri
 
 @pytest.mark.parametrize('h', [0.9, 0.5])
 def test_steps_that_are_divided_into_those_of_the_twin_are_no_measure(h: float) -> None:
-    """Swings of 2 s in steps of 0.9 s: those that fail are halved, and the run with half the step was the same; its error, 0."""
+    """Swings of 2 s in steps of 0.9 s: those that fail are halved, and the run with half the step was the same; its
+    error, 0."""
     scene = load_scene('pendulum', [f'integrator.h={h}'])
     data = simulate(simulation_of(scene), scene.steps, error=True)
     assert (data['status'], data['findings'][0]['quantity']) == ('suspect', 'numerical_error')
@@ -127,7 +134,8 @@ def test_a_run_of_one_step_has_no_twin() -> None:
 
 
 def test_a_turn_of_a_round_body_about_its_axis_makes_no_error_and_one_about_another_does() -> None:
-    """1.2 rad a step: exact about the axis of a round body, half a turn off after 0.1 s about a middle axis that is not one."""
+    """1.2 rad a step: exact about the axis of a round body, half a turn off after 0.1 s about a middle axis that is not
+    one."""
     text = 'mechanism:\n  bodies: {{rotor: {{mass: 1, inertia: {}, angular_velocity: [{}, 0, 1200]}}}}\nduration: 0.1\n'
     _, data = bar(text.format('[1, 1, 2]', 0))
     assert (data['status'], data['errors']['orientation']['share'] < 1e-6) == ('ok', True)
@@ -142,14 +150,16 @@ def test_a_body_at_rest_has_no_error() -> None:
 
 
 def test_an_oscillation_that_damping_takes_away_in_both_runs_is_seen_at_the_beginning() -> None:
-    """Ten periods a second, one a step, rho_inf 0: both runs have lost it long before the first of evenly spread instants."""
+    """Ten periods a second, one a step, rho_inf 0: both runs have lost it long before the first of evenly spread
+    instants."""
     text = OSCILLATOR.format(stiffness=4.0 * math.pi**2 * 100.0, damping=0.0, duration=400.0)
     _, data = bar(text, 'integrator={h: 0.1, rho_inf: 0.0}')
     assert (data['status'], data['findings'][0]['quantity']) == ('suspect', 'numerical_error')
 
 
 def test_a_chaotic_motion_is_called_sensitive_with_the_time_from_which_on_only_statistics_hold() -> None:
-    """The double pendulum: half the step moves that time by as much as is told, to the spread of one fourfold growth."""
+    """The double pendulum: half the step moves that time by as much as is told, to the spread of one fourfold
+    growth."""
     scene = load_scene('double_pendulum')
     since = []
     for h in (0.001, 0.0005):
@@ -170,14 +180,20 @@ def test_a_limit_that_a_scene_requires_takes_the_place_of_the_published_ones() -
 
 
 def test_what_was_measured_is_known_for_the_same_scene_and_step_alone(tmp_path, monkeypatch) -> None:
-    """Whatever divides steps that fail, which the node does not; another step, maneuver or vehicle has another error."""
+    """Whatever divides steps that fail, which the node does not; another step, maneuver or vehicle has another
+    error."""
     monkeypatch.setenv('MBD_CACHE_DIR', str(tmp_path))
     scene = load_scene('pendulum')
     assert kept(scene) == NONE
     keep(scene, 'Numerical error (double step): little')
     node = load_scene('pendulum', ['integrator.step_policy=constant', 'record.every=7'])
     assert kept(node) == 'Numerical error (double step): little (measured by mbd run pendulum, 10 s of its maneuver)'
-    for other in ('integrator.h=0.002', 'integrator.step_policy=error', 'integrator.iterations=2', 'mechanism.gravity=[0, 0, -1]'):
+    for other in (
+        'integrator.h=0.002',
+        'integrator.step_policy=error',
+        'integrator.iterations=2',
+        'mechanism.gravity=[0, 0, -1]',
+    ):
         more = ['integrator.mode=tolerance'] if 'policy' in other else []
         assert kept(load_scene('pendulum', [*more, other])) == NONE
 
@@ -201,7 +217,9 @@ duration: 1
         (PENDULUM, 'require.energy_error_max=1e-12', 'energy_error_max'),
     ],
 )
-def test_what_both_runs_have_in_common_and_what_is_required_decides_beside_the_error(text: str, override: str, quantity: str) -> None:
+def test_what_both_runs_have_in_common_and_what_is_required_decides_beside_the_error(
+    text: str, override: str, quantity: str
+) -> None:
     _, data = bar(text, override)
     assert data['status'] == 'suspect'
     assert quantity in [found['quantity'] for found in data['findings']]
@@ -211,7 +229,8 @@ def test_what_rounding_does_to_a_light_body_is_seen_by_the_twin() -> None:
     """1e-10 kg beside 1 kg, hidden by the rounding of penalties: its motion differs from step to step."""
     body = '{{mass: {m}, inertia: [{j}, {j}, {j}], position: [{x}, 0, 0], com: [0, 0, -1], rpy_deg: [0, 60, 0]}}'
     text = (
-        f'mechanism:\n  bodies:\n    a: {body.format(m=1, j=0.1, x=0)}\n    b: {body.format(m=1e-10, j=1e-11, x=2)}\n  joints:\n'
+        f'mechanism:\n  bodies:\n    a: {body.format(m=1, j=0.1, x=0)}\n    b: {body.format(m=1e-10, j=1e-11, x=2)}\n  '
+        'joints:\n'
         '    a: {kind: revolute, i: world, j: a, at: [0, 0, 0], axis: [0, 1, 0]}\n'
         '    b: {kind: revolute, i: world, j: b, at: [2, 0, 0], axis: [0, 1, 0]}\nduration: 5\n'
     )

@@ -1,4 +1,5 @@
-"""The page of an evaluation: everything is in one file, figures and curves in it are those of the result, and a browser draws them."""
+"""The page of an evaluation: everything is in one file, figures and curves in it are those of the result, and a browser
+draws them."""
 
 from __future__ import annotations
 
@@ -28,12 +29,23 @@ FIGURES = (
 
 def written(file: Path, text: str = 'curve') -> dict:
     swing = Chart(
-        title='swing', x=('time', 's'), y=('angle', 'rad'), curves=(Curve(text, T, np.sin(T)), Curve('limit', T[:2], T[:2], 'limit'))
+        title='swing',
+        x=('time', 's'),
+        y=('angle', 'rad'),
+        curves=(Curve(text, T, np.sin(T)), Curve('limit', T[:2], T[:2], 'limit')),
     )
     result = Result(
-        evaluation='x', title='A test </script>', norm='a norm', figures=FIGURES, charts=(swing,), notes=('a note',), source='bags/x'
+        evaluation='x',
+        title='A test </script>',
+        norm='a norm',
+        figures=FIGURES,
+        charts=(swing,),
+        notes=('a note',),
+        source='bags/x',
     )
-    write_page([result], file, title='title', about=['about'], passed=result.passed, together={'all runs': FIGURES[1:2]})
+    write_page(
+        [result], file, title='title', about=['about'], passed=result.passed, together={'all runs': FIGURES[1:2]}
+    )
     page = file.read_text(encoding='utf-8')
     assert page.count('</script>') == 2  # nothing in the data ends a script
     assert not re.search(r'(src|href)=|https?://', page)
@@ -59,7 +71,8 @@ def test_the_page_holds_figures_and_curves_in_units_for_people(tmp_path: Path) -
 
 def test_what_was_not_judged_is_not_counted_as_kept() -> None:
     kept, missed, left, plain = (Figure(n, n, 1.0, 'm', limit, ok) for n, limit, ok in (
-        ('kept', '<= 2', True), ('missed', '<= 0', False), ('left', '>= 1 from 5 A on', None), ('plain', '', None)))  # fmt: skip
+        ('kept', '<= 2', True), ('missed', '<= 0', False), ('left', '>= 1 from 5 A on', None),
+        ('plain', '', None)))  # fmt: skip
 
     def said(*of: Figure) -> str:
         return sentence([Result(evaluation='x', title='x', norm='x', figures=of)])
@@ -82,7 +95,12 @@ def test_a_browser_draws_it(tmp_path: Path) -> None:
     from PIL import Image
 
     written(tmp_path / 'p.html')
-    home = ['--user-data-dir=' + str(tmp_path / 'profile'), '--window-size=1280,900', '--disable-component-update', '--disable-sync']
+    home = [
+        '--user-data-dir=' + str(tmp_path / 'profile'),
+        '--window-size=1280,900',
+        '--disable-component-update',
+        '--disable-sync',
+    ]
     picture = tmp_path / 'p.png'
     arguments = [str(CHROMIUM), *QUIET, *home, f'--screenshot={picture}', (tmp_path / 'p.html').as_uri()]
     subprocess.run(arguments, check=True, capture_output=True, timeout=120)

@@ -20,7 +20,9 @@ def test_a_clock_that_was_set_makes_no_grid_of_years() -> None:
     assert grid.size == t.size and not notes
     t[1000:] += 30 * 365 * 86_400 * 1_000_000_000
     with pytest.raises(
-        BagError, match=r'bag: from 0 to 9\.46\d+e\+08 s there are more than 5000000 samples at steps of 0\.01 s; a clock was set'
+        BagError,
+        match=r'bag: from 0 to 9\.46\d+e\+08 s there are more than 5000000 samples at steps of 0\.01 s; a clock was '
+        r'set',
     ) as caught:
         signals._grid({'x': t}, 'bag', frozenset())
     assert '\n' not in str(caught.value)

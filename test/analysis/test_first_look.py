@@ -1,4 +1,5 @@
-"""The first look is right or silent: columns of a car that is known, renamed, scaled, turned, delayed and with noise."""
+"""The first look is right or silent: columns of a car that is known, renamed, scaled, turned, delayed and with
+noise."""
 
 from __future__ import annotations
 
@@ -21,13 +22,27 @@ from solver.units import UNITS
 DT, N = 0.02, 3000
 RADIUS, TRACK, RATIO, WHEELBASE = 0.31, 1.5, 16.0, 2.7
 BAGS = Path(__file__).parents[2] / 'bags'
-NAMES = {'speed': 'GPS Speed', 'yaw_rate': 'gyro_z', 'ay': 'LatAcc', 'ax': 'LongAcc', 'steering': 'SteeringWheelAngle', 'yaw': 'heading'}
-CHANNELS = {'speed': 'odom/twist/vx', 'yaw_rate': 'imu/wz', 'ay': 'imu/ay', 'ax': 'imu/ax', 'steering': 'cmd_applied/steering'}
+NAMES = {
+    'speed': 'GPS Speed',
+    'yaw_rate': 'gyro_z',
+    'ay': 'LatAcc',
+    'ax': 'LongAcc',
+    'steering': 'SteeringWheelAngle',
+    'yaw': 'heading',
+}
+CHANNELS = {
+    'speed': 'odom/twist/vx',
+    'yaw_rate': 'imu/wz',
+    'ay': 'imu/ay',
+    'ax': 'imu/ax',
+    'steering': 'cmd_applied/steering',
+}
 IN_SI = {'speed': 'm/s', 'yaw_rate': 'rad/s', 'ay': 'm/s^2', 'ax': 'm/s^2', 'steering': 'rad', 'yaw': 'rad'}
 
 
 def car() -> dict[str, np.ndarray]:
-    """A single-track car that speeds up, brakes and steers to both sides for a minute, in SI units, left positive; nothing lags.
+    """A single-track car that speeds up, brakes and steers to both sides for a minute, in SI units, left positive;
+    nothing lags.
 
     So ax = dv/dt - r vy and ay = v r + dvy/dt exactly, and the wheels roll.
     """
@@ -75,7 +90,11 @@ def test_si_units_without_a_word_about_them() -> None:
 def test_other_units_other_signs_and_the_side_by_the_wheels() -> None:
     """What loggers with z down give: all to the right. Wheels left and right tell it."""
     truth = car()
-    columns = {'Speed': 3.6 * truth['speed'], 'Gierrate': -np.rad2deg(truth['yaw_rate']), 'Querbeschleunigung': -truth['ay'] / 9.80665}
+    columns = {
+        'Speed': 3.6 * truth['speed'],
+        'Gierrate': -np.rad2deg(truth['yaw_rate']),
+        'Querbeschleunigung': -truth['ay'] / 9.80665,
+    }
     columns |= {'G Force Long': truth['ax'] / 9.80665, 'Lenkradwinkel': np.rad2deg(truth['steering'])}
     columns |= {f'WheelSpeed{corner}': truth[corner] for corner in ('FL', 'FR', 'RL', 'RR')}
     found = looked(columns)
@@ -85,7 +104,8 @@ def test_other_units_other_signs_and_the_side_by_the_wheels() -> None:
         for side in ('left', 'right')
     }
     assert told(found) == wheels | {
-        'odom/twist/vx': ('Speed', 'km/h', 1), 'imu/wz': ('Gierrate', 'deg/s', -1), 'imu/ay': ('Querbeschleunigung', 'g', -1),
+        'odom/twist/vx': ('Speed', 'km/h', 1), 'imu/wz': ('Gierrate', 'deg/s', -1),
+        'imu/ay': ('Querbeschleunigung', 'g', -1),
         'imu/ax': ('G Force Long', 'g', 1), 'cmd_applied/steering': ('Lenkradwinkel', 'deg', 1),
     }  # fmt: skip
     assert found.side.startswith('in a turn WheelSpeedFL and WheelSpeedFR differ')
@@ -169,7 +189,13 @@ def test_names_that_say_nothing_and_a_car_that_does_nothing_are_unknown() -> Non
 def test_positions_tell_speed_and_direction() -> None:
     truth = car()
     wrapped = (truth['yaw'] + np.pi) % (2.0 * np.pi) - np.pi
-    columns = {'pos x': truth['x'], 'pos y': truth['y'], 'yaw': wrapped, 'gyro z': truth['yaw_rate'], 'acc y': truth['ay']}
+    columns = {
+        'pos x': truth['x'],
+        'pos y': truth['y'],
+        'yaw': wrapped,
+        'gyro z': truth['yaw_rate'],
+        'acc y': truth['ay'],
+    }
     found = looked(columns)
     assert told(found) == {
         'odom/pose/x': ('pos x', 'm', 1), 'odom/pose/y': ('pos y', 'm', 1),
@@ -187,17 +213,26 @@ def test_speed_and_wheels_alone_leave_the_unit_open() -> None:
 
 
 def test_the_delivered_measured_car_is_mapped_as_its_own_mapping_does() -> None:
-    """It is our car as a measuring system would have recorded it: other names, units and axes, delays and noise (bags/real_car.py)."""
+    """It is our car as a measuring system would have recorded it: other names, units and axes, delays and noise
+    (bags/real_car.py)."""
     found = told(look(runs.read(BAGS / 'real_car')))
     assert found == {
-        'imu/wz': ('vehicle/imu/wz', 'rad/s', -1), 'imu/ay': ('vehicle/imu/ay', 'm/s^2', -1), 'imu/az': ('vehicle/imu/az', 'm/s^2', -1),
-        'odom/twist/vx': ('can/speed/data', 'km/h', 1), 'cmd_applied/steering': ('can/steering_wheel_angle/data', 'deg', 1),
+        'imu/wz': ('vehicle/imu/wz', 'rad/s', -1), 'imu/ay': ('vehicle/imu/ay', 'm/s^2', -1),
+        'imu/az': ('vehicle/imu/az', 'm/s^2', -1),
+        'odom/twist/vx': ('can/speed/data', 'km/h', 1),
+        'cmd_applied/steering': ('can/steering_wheel_angle/data', 'deg', 1),
     }  # fmt: skip
 
 
-def test_the_text_is_a_mapping_file_that_brings_the_columns_to_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_text_is_a_mapping_file_that_brings_the_columns_to_ours(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     truth = car()
-    table = {'time (s)': np.arange(N) * DT, 'GPS Speed': 3.6 * truth['speed'], 'gyro z (deg/s)': np.rad2deg(truth['yaw_rate'])}
+    table = {
+        'time (s)': np.arange(N) * DT,
+        'GPS Speed': 3.6 * truth['speed'],
+        'gyro z (deg/s)': np.rad2deg(truth['yaw_rate']),
+    }
     table |= {'acc y (IMU)': -truth['ay'], 'note': np.zeros(N)}
     file = tmp_path / 'lap.csv'
     np.savetxt(file, np.column_stack(list(table.values())), delimiter=',', header=','.join(table), comments='')
@@ -217,11 +252,21 @@ def test_the_text_is_a_mapping_file_that_brings_the_columns_to_ours(tmp_path: Pa
 
 def test_what_reading_lost_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     coarse = [others.vector('/imu', DAY + k * MS, 0, k // 2 * 2 * MS, 0.1 * k) for k in range(100)]
-    place = others.write(tmp_path / 'bag', [*coarse, *(others.scalar('/speed', DAY + k * MS, DAY + k * MS, 1.0) for k in range(100))])
-    left_out, apart = 'topic imu: 50 of 100 messages are left out', 'its clocks do not meet: imu (header stamp) from 0 to'
+    place = others.write(
+        tmp_path / 'bag', [*coarse, *(others.scalar('/speed', DAY + k * MS, DAY + k * MS, 1.0) for k in range(100))]
+    )
+    left_out, apart = (
+        'topic imu: 50 of 100 messages are left out',
+        'its clocks do not meet: imu (header stamp) from 0 to',
+    )
     assert main(['compare', str(place), '--look', '--json']) == 0
     doubts = json.loads(capsys.readouterr().out)['doubts']
-    assert len(doubts) == 2 and doubts[0].startswith(apart) and '(--log-times)' in doubts[0] and doubts[1].startswith(left_out)
+    assert (
+        len(doubts) == 2
+        and doubts[0].startswith(apart)
+        and '(--log-times)' in doubts[0]
+        and doubts[1].startswith(left_out)
+    )
     assert main(['compare', str(place), '--look']) == 0
     text = ' '.join(capsys.readouterr().out.replace('#', ' ').split())
     assert left_out in text and apart in text
@@ -231,8 +276,10 @@ def test_what_reading_lost_is_told(tmp_path: Path, capsys: pytest.CaptureFixture
 
 @pytest.mark.parametrize(
     ('arguments', 'says'),
-    [(['{}', 'other', '--look'], 'looks at one recording; leave other out'), (['{}'], 'the following arguments are required: REFERENCE'),
-     (['none.csv', '--look'], 'cannot read none.csv'), (['{}', '--look', '--channel', 'nothing'], 'no channel matches')],
+    [(['{}', 'other', '--look'], 'looks at one recording; leave other '
+        'out'), (['{}'], 'the following arguments are required: REFERENCE'),
+     (['none.csv', '--look'], 'cannot read none.csv'), (['{}', '--look', '--channel', 'nothing'], 'no channel '
+         'matches')],
 )  # fmt: skip
 def test_wrong_use_is_told(arguments: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / 'x.csv'
@@ -244,19 +291,27 @@ def test_wrong_use_is_told(arguments: list[str], says: str, tmp_path: Path, caps
 def test_what_names_say() -> None:
     """Of loggers, research data and bags; what is another quantity of the same words is none."""
     names = {
-        'yaw_rate': ('yawRate', 'Yaw_Velocity', 'W (IMU)', 'imu/wz', 'gyro_z', 'angular_velocity/z', 'Gierrate', 'yaw_rate_deg_s'),
+        'yaw_rate': ('yawRate', 'Yaw_Velocity', 'W (IMU)', 'imu/wz', 'gyro_z', 'angular_velocity/z', 'Gierrate',
+        'yaw_rate_deg_s'),
         'ay': ('ayCG', 'acc y (IMU)', 'Acceleration_Y', 'G Force Lat', 'linear_acceleration/y', 'Querbeschleunigung'),
         'speed': ('vx', 'Velocity_X', 'vel encoder', 'Ground Speed', 'speed_kmh', 'odom/twist/vx'),
         'wheel': ('v_wheel_fl', 'WheelSpeedFL', 'wheel_speed_front_left', 'omega_rl'),
         'steering': ('steering', 'StWhlAng', 'Lenkradwinkel', 'cmd_applied/steering', 'Steering Wheel Angle'),
-        'road_angle': ('deltaFL', 'delta'), 'sideslip': ('beta_true',), 'x': ('vicon x', 'car/Rel_pos_x', 'odom/pose/x'),
-        '': ('rpm', 'Engine speed', 'slip_FL', 'Fx_fl', 'Roll_Velocity', 'Velocity_Z', 'SteeringRate', 'cmd_applied/steering_acceleration',
-             'odom/pose/qx', 'joint_states/rack/velocity', 'lap time', 'wind speed', 'target_speed', 'latitude', 'motor torque'),
+        'road_angle': ('deltaFL', 'delta'), 'sideslip': ('beta_true',), 'x': ('vicon '
+            'x', 'car/Rel_pos_x', 'odom/pose/x'),
+        '': ('rpm', 'Engine speed', 'slip_FL', 'Fx_fl', 'Roll_Velocity', 'Velocity_Z', 'SteeringRate',
+        'cmd_applied/steering_acceleration',
+             'odom/pose/qx', 'joint_states/rack/velocity', 'lap '
+                 'time', 'wind speed', 'target_speed', 'latitude', 'motor torque'),
     }  # fmt: skip
     assert {name: role_of(name).what for group in names.values() for name in group} == {
         n: what for what, group in names.items() for n in group
     }
-    assert (role_of('speed_kmh').unit, role_of('yaw_rate_deg_s').unit, role_of('WheelSpeedFL').corner) == ('km/h', 'deg/s', 'front_left')
+    assert (role_of('speed_kmh').unit, role_of('yaw_rate_deg_s').unit, role_of('WheelSpeedFL').corner) == (
+        'km/h',
+        'deg/s',
+        'front_left',
+    )
 
 
 def test_a_factor_that_cannot_be_found_is_said() -> None:
@@ -267,7 +322,8 @@ def test_columns_of_another_clock_are_not_compared(capsys: pytest.CaptureFixture
     """Simulation time in some topics and the time of day in another."""
     truth = car()
     run = run_of(
-        {NAMES[what]: values for what, values in truth.items() if what in ('speed', 'yaw_rate', 'ay')}, np.arange(N) * round(DT * 1e9)
+        {NAMES[what]: values for what, values in truth.items() if what in ('speed', 'yaw_rate', 'ay')},
+        np.arange(N) * round(DT * 1e9),
     )
     apart = run_of({'clock/heading': truth['yaw']}, np.arange(N) * round(DT * 1e9) + 1_700_000_000 * 10**9)
     run.series |= {'clock': next(iter(apart.series.values()))}

@@ -78,7 +78,12 @@ def test_a_browser_draws_it(tmp_path: Path) -> None:
     repeats = [run(n=501, x=lambda t, d=d: np.sin(t) + d) for d in (-0.05, 0.0, 0.05)]
     found = compare(run(n=501, x=lambda t: 1.3 * np.sin(t)), *repeats)
     written(found, tmp_path / 'r.html', ('run', 'lap 1', 'lap 2', 'lap 3'))
-    home = ['--user-data-dir=' + str(tmp_path / 'profile'), '--window-size=1280,1300', '--disable-component-update', '--disable-sync']
+    home = [
+        '--user-data-dir=' + str(tmp_path / 'profile'),
+        '--window-size=1280,1300',
+        '--disable-component-update',
+        '--disable-sync',
+    ]
     picture = tmp_path / 'r.png'
     command = [CHROMIUM, *QUIET, *home, f'--screenshot={picture}', f'file://{tmp_path / "r.html"}']
     subprocess.run(command, timeout=120, check=True, capture_output=True)

@@ -29,11 +29,17 @@ def told(simulation: Simulation, *shown: Snapshot) -> list[Finding]:
     """What is found in snapshots, one every 20 ms."""
     watch = Envelope(simulation)
     for k, one in enumerate(shown):
-        watch.look(dataclasses.replace(one, t_ns=20_000_000 * k) if dataclasses.is_dataclass(one) else one._replace(t_ns=20_000_000 * k))
+        watch.look(
+            dataclasses.replace(one, t_ns=20_000_000 * k)
+            if dataclasses.is_dataclass(one)
+            else one._replace(t_ns=20_000_000 * k)
+        )
     return watch.findings(ended=False)
 
 
-def changed(simulation: Simulation, body: str, by: tuple[float, float, float] = (0.0, 0.0, 0.0), yaw: float = 0.0) -> Snapshot:
+def changed(
+    simulation: Simulation, body: str, by: tuple[float, float, float] = (0.0, 0.0, 0.0), yaw: float = 0.0
+) -> Snapshot:
     """What a simulation shows, with a body moved [m] and turned about the vertical [rad] from where it is."""
     shown = simulation.snapshot()
     pose = shown.pose[simulation.channels.bodies.index(body)]
@@ -65,7 +71,8 @@ def test_each_state_that_no_vehicle_is_in_is_told_with_its_beginning(scene: str)
 
 
 def test_what_a_vehicle_can_do_is_not_told() -> None:
-    """Full steer, full bump and droop, the wheels of one side in the air, and a car on its roof, which is another finding."""
+    """Full steer, full bump and droop, the wheels of one side in the air, and a car on its roof, which is another
+    finding."""
     s = car()
     able = [changed(s, 'wheel_front_left', yaw=a) for a in (0.8, -0.8)] + [
         changed(s, 'wheel_rear_left', (0.0, 0.0, z)) for z in (0.12, -0.12)
@@ -99,8 +106,13 @@ def test_a_steering_wheel_beyond_its_stops_is_told_whoever_turned_it() -> None:
 
 @pytest.mark.slow
 def test_a_trailer_that_is_pushed_back_folds_and_is_told() -> None:
-    """Reversing with the steering held: the articulation grows exponentially, and is told from a right angle on; driving on it is not."""
-    backwards = ['start.speed=-2', 'maneuver={steering: {kind: step, value: 0.3, start: 0.5, rise: 1}, speed: {target: -2}}', 'duration=12']
+    """Reversing with the steering held: the articulation grows exponentially, and is told from a right angle on;
+    driving on it is not."""
+    backwards = [
+        'start.speed=-2',
+        'maneuver={steering: {kind: step, value: 0.3, start: 0.5, rise: 1}, speed: {target: -2}}',
+        'duration=12',
+    ]
     s = solver.simulation_of(solver.load_scene(TRAILER, backwards))
     watch, k, first = Envelope(s), s.channels.joints.index('articulation'), 0.0
     for _ in range(550):
@@ -115,7 +127,8 @@ def test_a_trailer_that_is_pushed_back_folds_and_is_told() -> None:
 
 
 def test_a_short_drawbar_folds_before_the_right_angle() -> None:
-    """Its ball between the rear wheels: the wheel on the inside is between them from the angle on where its drawbar has turned so far."""
+    """Its ball between the rear wheels: the wheel on the inside is between them from the angle on where its drawbar has
+    turned so far."""
     model = car(TRAILER).model.spec
     bodies = {body.name: body for body in model.bodies}
     hitch = next(joint for joint in model.joints if joint.name == 'hitch')

@@ -36,7 +36,9 @@ BO_ 300 Wheels: 3 ECU
 
 
 def message(k: int, identifier: int, data: bytes, **more: bool) -> can.Message:
-    return can.Message(timestamp=EPOCH + T[k], arbitration_id=identifier, is_extended_id=False, data=data, channel=1, **more)
+    return can.Message(
+        timestamp=EPOCH + T[k], arbitration_id=identifier, is_extended_id=False, data=data, channel=1, **more
+    )
 
 
 @pytest.fixture
@@ -71,7 +73,10 @@ def test_frames_become_signals_by_their_database(ending: str, database: Path, tm
         np.testing.assert_allclose((home[name].time_ns - motion.time_ns[0]) * 1e-9, T[first::2], atol=2e-6)
         np.testing.assert_allclose(home[name].columns[name], 0.1 * (500 + np.arange(N)[first::2]), atol=1e-9)
     assert {run.stated[name] for name in ('Motion/YawRate', 'Motion/Speed', 'Wheels/Left')} == {'deg/s', 'km/h', 'rpm'}
-    assert run.told == ('3 of 605 frames have an identifier that no database has', '2 of 605 frames are shorter than their message')
+    assert run.told == (
+        '3 of 605 frames have an identifier that no database has',
+        '2 of 605 frames are shorter than their message',
+    )
 
 
 def measured(file: Path) -> Path:
@@ -87,7 +92,12 @@ def measured(file: Path) -> Path:
     mdf.append(signals, comment='fast')
     slow = np.arange(30) * 0.1
     slow[20] = slow[19]
-    mdf.append([asammdf.Signal(np.arange(30, dtype='u1'), slow, name='gear'), asammdf.Signal(np.arange(30.0), slow, name='torque')])
+    mdf.append(
+        [
+            asammdf.Signal(np.arange(30, dtype='u1'), slow, name='gear'),
+            asammdf.Signal(np.arange(30.0), slow, name='torque'),
+        ]
+    )
     mdf.save(file, overwrite=True)
     mdf.close()
     return file
@@ -132,7 +142,10 @@ def test_a_log_is_compared_with_a_table(database: Path, tmp_path: Path, capsys: 
     data = json.loads(capsys.readouterr().out)
     assert (code, list(data['channels'])) == (0, ['imu/wz'])
     assert data['doubts'] == {
-        'drive.blf': ['3 of 605 frames have an identifier that no database has', '2 of 605 frames are shorter than their message']
+        'drive.blf': [
+            '3 of 605 frames have an identifier that no database has',
+            '2 of 605 frames are shorter than their message',
+        ]
     }
     assert main(['compare', str(log), '--dbc', str(database), '--look', '--json']) == 0
     assert json.loads(capsys.readouterr().out)['columns']['Motion/YawRate']['quantity'] == 'yaw_rate'
@@ -140,7 +153,9 @@ def test_a_log_is_compared_with_a_table(database: Path, tmp_path: Path, capsys: 
 
 @pytest.mark.parametrize('ending', ['mf4', 'mdf', 'blf', 'asc'])
 @pytest.mark.parametrize('content', [b'', b'MDF     4.10    ', b'LOGG' + b'\x90\0\0\0' * 9, b'\0\1\2' * 500])
-def test_what_is_no_measurement_is_refused_in_one_sentence(content: bytes, ending: str, database: Path, tmp_path: Path) -> None:
+def test_what_is_no_measurement_is_refused_in_one_sentence(
+    content: bytes, ending: str, database: Path, tmp_path: Path
+) -> None:
     file = tmp_path / f'x.{ending}'
     file.write_bytes(content)
     with pytest.raises(BagError, match=re.escape(str(file))) as caught:
@@ -150,7 +165,9 @@ def test_what_is_no_measurement_is_refused_in_one_sentence(content: bytes, endin
 
 def test_what_is_missing_is_named(database: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = logged(tmp_path / 'drive.asc')
-    with pytest.raises(BagError, match='it holds frames of a CAN bus; a database says which signals are in them: --dbc FILE'):
+    with pytest.raises(
+        BagError, match='it holds frames of a CAN bus; a database says which signals are in them: --dbc FILE'
+    ):
         runs.read(log)
     with pytest.raises(BagError, match=re.escape('--dbc none.dbc: no such file')):
         runs.read(log, databases=[Path('none.dbc')])

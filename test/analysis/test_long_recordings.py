@@ -1,5 +1,6 @@
-"""Recordings of the full car over a minute at 1 kHz, every element of it in every step: what reading and comparing two of them takes, and
-a difference of 1e-9 in one value of one channel. Times are those of a machine with nothing else to do; `-s` shows them."""
+"""Recordings of the full car over a minute at 1 kHz, every element of it in every step: what reading and comparing two
+of them takes, and a difference of 1e-9 in one value of one channel. Times are those of a machine with nothing else to
+do; `-s` shows them."""
 
 from __future__ import annotations
 
@@ -18,7 +19,12 @@ from mbd_sim_ros.messages.topics import Topic
 
 pytestmark = pytest.mark.long
 RECORD = {'every': 1, 'elements': 'true', 'elements_rate': 0}
-SCENE = ['car_step_steer', '--duration', '60', *(part for key, value in RECORD.items() for part in ('--set', f'record.{key}={value}'))]
+SCENE = [
+    'car_step_steer',
+    '--duration',
+    '60',
+    *(part for key, value in RECORD.items() for part in ('--set', f'record.{key}={value}')),
+]
 PLANTED_AT = 34_567  # message of /imu, which is the step too
 PROBE = """
 import json, resource, sys, time
@@ -28,13 +34,17 @@ code = main(json.loads(sys.argv[1]))
 usage = resource.getrusage(resource.RUSAGE_SELF)
 cpu = usage.ru_utime + usage.ru_stime
 print(json.dumps({'code': code, 'seconds': time.monotonic() - begin, 'cpu': cpu, 'bytes': 1024 * usage.ru_maxrss}), file=sys.stderr)
-"""
+"""  # noqa: E501
 
 
 def probed(*arguments: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """What a command says as JSON; its exit code, seconds, CPU seconds and memory, in a process of its own."""
     process = subprocess.run(
-        [sys.executable, '-c', PROBE, json.dumps([*arguments, '--json'])], capture_output=True, text=True, timeout=600, check=False
+        [sys.executable, '-c', PROBE, json.dumps([*arguments, '--json'])],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
     )
     lines = process.stderr.splitlines()
     assert lines and lines[-1].startswith('{'), process.stderr

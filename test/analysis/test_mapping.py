@@ -1,4 +1,5 @@
-"""Recordings of others under our names: units, signs, offsets and axes come out as they must, what does not fit is refused."""
+"""Recordings of others under our names: units, signs, offsets and axes come out as they must, what does not fit is
+refused."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ def no_unit(_: str) -> str:
 
 @pytest.mark.parametrize(
     ('unit', 'value', 'si'),
-    [('deg', 180.0, math.pi), ('deg/s', 90.0, math.pi / 2), ('km/h', 36.0, 10.0), ('mph', 1.0, 0.44704), ('g', 1.0, 9.80665),
+    [('deg', 180.0, math.pi), ('deg/s', 90.0, math.pi / 2), ('km/h', 36.0, 10.0), ('mph', 1.0, 0.44704),
+    ('g', 1.0, 9.80665),
      ('kN', 2.0, 2000.0), ('kN m', 0.5, 500.0), ('mm', 25.0, 0.025), ('rpm', 60.0, 2.0 * math.pi), ('%', 12.0, 0.12),
      ('ms', 5.0, 0.005), ('in', 1.0, 0.0254),
      ('kn', 1.0, 1852.0 / 3600.0), ('lbf', 1.0, 0.45359237 * 9.80665), ('m/s', 3.0, 3.0)],
@@ -101,7 +103,8 @@ def test_turning_axes_does_not_touch_the_recording_itself() -> None:
 def test_a_mapping_file(tmp_path: Path) -> None:
     file = tmp_path / 'car.yaml'
     file.write_text(
-        "channels:\n  imu/wz: {channel: gyro/z, unit: deg/s}\n  'tire/*/force/fz': {channel: 'load/*', unit: kN, hold: true}\n"
+        "channels:\n  imu/wz: {channel: gyro/z, unit: deg/s}\n  'tire/*/force/fz': {channel: 'load/*', unit: kN, hold: "
+        'true}\n'
         'axes:\n  - {channels: [imu/ax, imu/ay, imu/az], rpy_deg: [180, 0, 0]}\n'
     )
     read = load_mapping(file)
@@ -136,7 +139,9 @@ def test_what_does_not_fit_the_recording_is_refused() -> None:
     with pytest.raises(BagError, match='same number of'):
         apply(theirs, pairs(['gyro/*=imu/wz']), (), no_unit)
     with pytest.raises(BagError, match='imu/wz is made from both gyro/z and gyro/y'):
-        resolve({'imu/w*': ChannelSource(channel='gyro/*'), 'imu/wz': ChannelSource(channel='gyro/y')}, ['gyro/z', 'gyro/y'])
+        resolve(
+            {'imu/w*': ChannelSource(channel='gyro/*'), 'imu/wz': ChannelSource(channel='gyro/y')}, ['gyro/z', 'gyro/y']
+        )
     with pytest.raises(BagError, match=r"imu/wz: it is in rad/s, which 'km/h' does not measure"):
         apply(theirs, {'imu/wz': ChannelSource(channel='gyro/z', unit='km/h')}, (), lambda _: 'rad/s')
     with pytest.raises(BagError, match='mapping of axes: gyro/x is not in the recording'):

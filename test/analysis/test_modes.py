@@ -1,4 +1,5 @@
-"""Modes of the standing full car: the frequencies and dampings of the linearised model are those of a run that rings down."""
+"""Modes of the standing full car: the frequencies and dampings of the linearised model are those of a run that rings
+down."""
 
 from __future__ import annotations
 
@@ -21,7 +22,10 @@ EVERY, COUNT = 4, 300  # ms, samples
 @pytest.fixture(scope='module')
 def car() -> Simulation:
     """Without rolling resistance, which holds a standing wheel by dry friction and so has no part in a mode."""
-    free = [f'vehicle.{axle}.tire={{<<: tires/205_55R16.tir, values: {{QSY1: 0, QSY3: 0, QSY4: 0}}}}' for axle in ('front', 'rear')]
+    free = [
+        f'vehicle.{axle}.tire={{<<: tires/205_55R16.tir, values: {{QSY1: 0, QSY3: 0, QSY4: 0}}}}'
+        for axle in ('front', 'rear')
+    ]
     return standing(load_scene('car_swept_steer', free))
 
 
@@ -35,12 +39,19 @@ def ring(car: Simulation, displacement: np.ndarray, velocity: np.ndarray, row: i
     turn = displacement.reshape(-1, 6)[:, 3:]
     for b, (x, y, z) in enumerate(0.5 * turn):
         i, j, k, w = state.q[b, 3:]
-        state.q[b, 3:] += (w * x + j * z - k * y, w * y + k * x - i * z, w * z + i * y - j * x, -(i * x + j * y + k * z))
+        state.q[b, 3:] += (
+            w * x + j * z - k * y,
+            w * y + k * x - i * z,
+            w * z + i * y - j * x,
+            -(i * x + j * y + k * z),
+        )
         state.q[b, 3:] /= np.linalg.norm(state.q[b, 3:])
     # the contact of standing tires is a spring: it is stretched by what moves its wheel, however slowly
     slowly = np.vstack([displacement.reshape(-1, 6) / LONG, np.zeros(6)])
     kin = kinematics_of(rest, slowly)
-    evaluate_forces(car.model.tables, kin, state.angle, state.z, LONG, u, False, start.f, start.Kq, start.Kv, start.z, start.outputs)
+    evaluate_forces(
+        car.model.tables, kin, state.angle, state.z, LONG, u, False, start.f, start.Kq, start.Kv, start.z, start.outputs
+    )
     state.z[:] = start.z
     start.assemble(state, u)
     state.v[:-1] = velocity.reshape(-1, 6)
@@ -63,7 +74,8 @@ def ring(car: Simulation, displacement: np.ndarray, velocity: np.ndarray, row: i
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['bounce', 'pitch', 'roll', 'wheel hop front', 'wheel hop rear', 'engine bounce'])
 def test_ring_down_has_frequency_and_damping_of_the_linear_mode(car: Simulation, name: str) -> None:
-    """A start in the shape of the mode; a damped sine fitted to the run, from a first guess 15 % off, finds its eigenvalue to 1 %."""
+    """A start in the shape of the mode; a damped sine fitted to the run, from a first guess 15 % off, finds its
+    eigenvalue to 1 %."""
     car.reset()
     linear = linearised(car.model, car.state, np.zeros(len(car.model.spec.inputs)))
     mode = named_modes(car)[name]
@@ -107,9 +119,9 @@ def test_no_mode_is_both_bounce_and_pitch() -> None:
 
 
 def test_a_load_on_the_roof_lowers_the_frequency_of_roll() -> None:
-    """The pickup with the centre of mass of its body 0.44 m higher, which has the same springs and more to turn: the moment of inertia
-    about an axis at the ground, 2194 kg (0.67 m)^2 + 821 kg m^2, grows by 1425 kg (1.2^2 - 0.76^2) m^2 to 1.68 times what it was, and
-    gravity takes from the stiffness."""
+    """The pickup with the centre of mass of its body 0.44 m higher, which has the same springs and more to turn: the
+    moment of inertia about an axis at the ground, 2194 kg (0.67 m)^2 + 821 kg m^2, grows by 1425 kg (1.2^2 - 0.76^2)
+    m^2 to 1.68 times what it was, and gravity takes from the stiffness."""
     low = named_modes_of('vehicles/pickup_awd.yaml')['roll']
     high = named_modes_of('vehicles/pickup_awd.yaml', 'vehicle.chassis.com=[0.12, 0, 1.2]')['roll']
     assert high.frequency < low.frequency / np.sqrt(1.68)
@@ -123,8 +135,9 @@ def test_roll_on_standing_tires_is_the_lower_one_of_two_modes_that_sway_and_turn
 
 
 def test_the_wheel_hop_of_a_live_axle_is_that_of_its_mass_on_tires_and_springs() -> None:
-    """The pickup's: housing 92 kg, two wheels, and of the leaves what a bar carries whose ends stand still. At 4.6 kN the tire has
-    254 kN/m (270 at 7.5 kN, [Besselink2010] (4)), the spring 35.6. What the frame gives way by, a sixth of the energy, is left out."""
+    """The pickup's: housing 92 kg, two wheels, and of the leaves what a bar carries whose ends stand still. At 4.6 kN
+    the tire has 254 kN/m (270 at 7.5 kN, [Besselink2010] (4)), the spring 35.6. What the frame gives way by, a sixth of
+    the energy, is left out."""
     hop = named_modes_of('vehicles/pickup_awd.yaml')['wheel hop rear']
     mass = 92 + 2 * 32 + 3 + 2 * 27 * 0.4
     assert hop.frequency == pytest.approx(np.sqrt(2 * (254e3 + 35.6e3) / mass) / (2 * np.pi), rel=1 / 6)

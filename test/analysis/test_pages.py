@@ -15,7 +15,11 @@ from mbd_sim_ros.analysis.pages import fill, floats, plain_page, thinned, write_
 from solver.errors import BagError
 
 POINTS = 1500
-TEMPLATES = ('mbd_sim_ros.analysis:report.html', 'mbd_sim_ros.analysis.evaluation:page.html', 'mbd_sim_ros.analysis.view:view.html')
+TEMPLATES = (
+    'mbd_sim_ros.analysis:report.html',
+    'mbd_sim_ros.analysis.evaluation:page.html',
+    'mbd_sim_ros.analysis.view:view.html',
+)
 
 
 @pytest.mark.parametrize('signals', [1, 3])

@@ -29,8 +29,20 @@ CONFIDENCE = '(Statistically: with 95 % confidence at most {} % could fail.)'
 @pytest.mark.parametrize(
     ('passed', 'failed', 'bound', 'largest', 'text'),
     [
-        (12, 0, 1.0 - 0.05 ** (1 / 12), 0.851, '12 of 12 other maneuvers passed, the worst at 85 % of the limit. ' + CONFIDENCE.format(22)),
-        (59, 0, 1.0 - 0.05 ** (1 / 59), 0.04, '59 of 59 other maneuvers passed, the worst at 4 % of the limit. ' + CONFIDENCE.format(5)),
+        (
+            12,
+            0,
+            1.0 - 0.05 ** (1 / 12),
+            0.851,
+            '12 of 12 other maneuvers passed, the worst at 85 % of the limit. ' + CONFIDENCE.format(22),
+        ),
+        (
+            59,
+            0,
+            1.0 - 0.05 ** (1 / 59),
+            0.04,
+            '59 of 59 other maneuvers passed, the worst at 4 % of the limit. ' + CONFIDENCE.format(5),
+        ),
         (1, 1, None, 1.3, '1 of 2 other maneuvers passed, the worst at 130 % of the limit'),
         (0, 0, None, None, 'not checked on other maneuvers'),
     ],

@@ -1,4 +1,5 @@
-"""Quantities of interest: the numbers of snapshots become named signals, by hand-computed values and against rates of other ones."""
+"""Quantities of interest: the numbers of snapshots become named signals, by hand-computed values and against rates of
+other ones."""
 
 from __future__ import annotations
 
@@ -14,8 +15,10 @@ from solver.quantities import names, published, quantity
 
 SPRING = ('energy', 'dissipation', 'length', 'rate', 'force')  # what a spring-damper gives
 CAR = Channels(
-    joints=('steering_wheel', 'travel_front_left'), joint_kinds=('rotation', 'translation'), bodies=('wheel', 'chassis'),
-    wheels=('front_left',), inputs=('steering',), elements=tuple(f'spring/{column}' for column in SPRING), reactions=(), chassis=1,
+    joints=('steering_wheel', 'travel_front_left'), joint_kinds=('rotation', 'translation'),
+    bodies=('wheel', 'chassis'),
+    wheels=('front_left',), inputs=('steering',), elements=tuple(f'spring/{column}' for column in SPRING), reactions=(),
+    chassis=1,
 )  # fmt: skip
 
 
@@ -60,7 +63,8 @@ def test_velocities_are_along_the_horizontal_axes_of_the_heading() -> None:
 
 
 def test_accelerations_are_horizontal_and_free_of_gravity() -> None:
-    """The specific force is acceleration less gravity: of 3 m/s^2 to the left in a tilted body gravity does not show."""
+    """The specific force is acceleration less gravity: of 3 m/s^2 to the left in a tilted body gravity does not
+    show."""
     pose, R = turned(0.7, -0.2, 0.3)
     left = 3.0 * np.array([-np.sin(0.7), np.cos(0.7), 0.0])
     imu = np.array([*(R.T @ (left + [0.0, 0.0, 9.81])), np.nan, np.nan, np.nan])
@@ -74,7 +78,8 @@ def test_numbers_of_wheels_joints_and_elements_are_found_by_name() -> None:
     assert value('wheel_load.front_left', tire=tire) == value('tire_states/front_left/fz', tire=tire) == 102.0
     assert value('suspension_travel.front_left', joint_position=np.array([0.1, 0.2])) == 0.2
     assert value('steering_torque', joint_effort=np.array([4.0, 5.0])) == 4.0
-    by_torque = dataclasses.replace(CAR, inputs=('drive_torque', 'steering_torque'))  # whose effort has the damper of the steering in it
+    # whose effort has the damper of the steering in it
+    by_torque = dataclasses.replace(CAR, inputs=('drive_torque', 'steering_torque'))
     assert value('steering_torque', by_torque, joint_effort=np.array([4.0, 5.0]), inputs=np.array([7.0, 6.0])) == 6.0
     assert value('element_states/spring/force', elements=np.arange(3.0, 8.0)) == 7.0
     assert quantity('element_states/spring/force', CAR).unit == 'N'
@@ -94,7 +99,8 @@ def test_what_is_not_published_is_absent_and_refused_with_a_suggestion() -> None
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['light_car_step_steer', 'car_step_steer'])
 def test_every_quantity_of_a_car_exists_without_compiling_it_and_rates_belong_to_their_angles(name: str) -> None:
-    """Yaw rate and velocities are the rates of heading and place, by central differences over 2 ms: (w dt)^2/6 at 5 Hz is 1e-3."""
+    """Yaw rate and velocities are the rates of heading and place, by central differences over 2 ms: (w dt)^2/6 at 5 Hz
+    is 1e-3."""
     scene = solver.load_scene(name, ['maneuver.steering.start=0.1', 'integrator.iterations=3'])
     simulation = solver.simulation_of(scene)
     assert names(published(scene.model)) == names(simulation.channels)

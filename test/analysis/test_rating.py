@@ -1,4 +1,5 @@
-"""The rating after ISO/TS 18571: each score on signals whose score follows from its formula by hand, and against plain recursion."""
+"""The rating after ISO/TS 18571: each score on signals whose score follows from its formula by hand, and against plain
+recursion."""
 
 from __future__ import annotations
 
@@ -22,7 +23,9 @@ def test_the_same_signal_is_rated_one() -> None:
     assert found.overall == pytest.approx(1.0, rel=1e-15)
 
 
-@pytest.mark.parametrize(('gap', 'score'), [(0.04, 1.0), (0.05, 1.0), (0.275, 0.25), (0.4, (0.1 / 0.45) ** 2), (0.5, 0.0), (0.8, 0.0)])
+@pytest.mark.parametrize(
+    ('gap', 'score'), [(0.04, 1.0), (0.05, 1.0), (0.275, 0.25), (0.4, (0.1 / 0.45) ** 2), (0.5, 0.0), (0.8, 0.0)]
+)
 def test_corridor(gap: float, score: float) -> None:
     """A constant difference, as part of the peak of the reference."""
     reference = 3.0 * np.sin(6.0 * T)
@@ -32,7 +35,8 @@ def test_corridor(gap: float, score: float) -> None:
 
 @pytest.mark.parametrize(('samples', 'score'), [(0, 1.0), (20, 0.75), (-20, 0.75), (60, 0.25), (80, 0.0)])
 def test_phase_and_shift(samples: int, score: float) -> None:
-    """400 samples moved by some: 20 % of them is the most. The pulse stays inside; shape and size are the same after the shift."""
+    """400 samples moved by some: 20 % of them is the most. The pulse stays inside; shape and size are the same after
+    the shift."""
     t = T[:400]
     found = rate_sampled(pulse(t, 0.5 + samples * (T[1] - T[0])), pulse(t), 0.02)
     assert found.phase == pytest.approx(score, abs=1e-12)
@@ -43,8 +47,9 @@ def test_phase_and_shift(samples: int, score: float) -> None:
 
 @pytest.mark.parametrize('late', [0.0, 0.3, 1.45, -2.6])
 def test_a_shift_is_known_better_than_to_a_sample(late: float) -> None:
-    """Sines of periods of 50 and 17 samples, 20 % larger and moved by parts of a sample. Slopes are central differences, which of the
-    shorter one are (2 pi / 17)^2 / 6 = 2 % too small, so that of up to half a sample 0.01 are not known."""
+    """Sines of periods of 50 and 17 samples, 20 % larger and moved by parts of a sample. Slopes are central
+    differences, which of the shorter one are (2 pi / 17)^2 / 6 = 2 % too small, so that of up to half a sample 0.01 are
+    not known."""
 
     def waves(k: np.ndarray) -> np.ndarray:
         return np.sin(k * 2.0 * np.pi / 50.0) + 0.5 * np.sin(k * 2.0 * np.pi / 17.0 + 1.0)
@@ -104,10 +109,13 @@ def test_warping_is_the_cheapest_path(n: int, rng) -> None:
         values = reference + 0.4 * rng.standard_normal(n)
         k = shift_of(values, reference)
         a, b = (values[k:], reference[: n - k]) if k >= 0 else (values[:k], reference[-k:])
-        assert rate_sampled(values, reference, 1.0).magnitude == pytest.approx(max(0.0, 1.0 - by_recursion(a, b) / 0.5), abs=1e-12)
+        assert rate_sampled(values, reference, 1.0).magnitude == pytest.approx(
+            max(0.0, 1.0 - by_recursion(a, b) / 0.5), abs=1e-12
+        )
 
 
-# Corridor, phase, magnitude, slope, overall by objective_rating_metrics 1.3 of TU Graz, unrounded: (run, reference) at 201 instants.
+# Corridor, phase, magnitude, slope, overall by objective_rating_metrics 1.3 of TU Graz, unrounded: (run, reference) at
+# 201 instants.
 PUBLISHED = {
     'smaller': (0.948551221, 1.000000000, 0.940218879, 0.950000000, 0.957464264),
     'later': (0.499962743, 0.701492537, 1.000000000, 1.000000000, 0.740283605),
@@ -138,7 +146,10 @@ def test_scores_are_those_of_the_published_implementation(name: str) -> None:
 def test_shift_is_that_of_the_largest_correlation(rng) -> None:
     for _ in range(5):
         values, reference = np.cumsum(rng.standard_normal((2, 120)), axis=1)
-        best = {m: np.corrcoef(values[max(m, 0) : 120 + min(m, 0)], reference[max(-m, 0) : 120 - max(m, 0)])[0, 1] for m in range(-24, 25)}
+        best = {
+            m: np.corrcoef(values[max(m, 0) : 120 + min(m, 0)], reference[max(-m, 0) : 120 - max(m, 0)])[0, 1]
+            for m in range(-24, 25)
+        }
         assert shift_of(values, reference) == max(best, key=best.__getitem__)
 
 
@@ -149,7 +160,9 @@ def test_of_shifts_that_fit_alike_the_smallest_counts() -> None:
 
 def test_weights_are_those_of_the_specification() -> None:
     found = rate_sampled(1.5 * T, T, 0.01)
-    assert found.overall == pytest.approx(0.4 * found.corridor + 0.2 * (found.phase + found.magnitude + found.slope), rel=1e-15)
+    assert found.overall == pytest.approx(
+        0.4 * found.corridor + 0.2 * (found.phase + found.magnitude + found.slope), rel=1e-15
+    )
 
 
 def test_sampling_for_the_rating() -> None:

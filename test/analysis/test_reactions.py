@@ -27,17 +27,20 @@ mechanism:
     base: {{kind: spherical, i: world, j: arm, at: [0.2, 0.1, 0.4]}}
     link: {{kind: {kind}, i: {{body: arm, at: [0.6, 0.1, 0.8], {axes}}}, j: {{body: tool, at: [0.6, 0.1, {z}], {axes}}}}}
 integrator: {{h: 0.001}}
-"""
+"""  # noqa: E501
 WEIGHT = 9.81
 
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_reaction_is_what_the_jacobian_puts_on_the_free_body(kind: str) -> None:
-    """The joint alone: force on the tool, torque about its centre of mass and the moment of all about the origin, to rounding."""
+    """The joint alone: force on the tool, torque about its centre of mass and the moment of all about the origin, to
+    rounding."""
     axes = 'axis: [0.2, 0.4, 1.0]' if kind != 'perpendicular' else 'rpy: [0, 0, 0]'
     text = SCENE.format(kind=kind, axes=axes, z=1.1 if kind in ('distance', 'perpendicular') else 0.8)
     if kind == 'perpendicular':
-        text = text.replace('body: tool, at: [0.6, 0.1, 1.1], rpy: [0, 0, 0]', 'body: tool, at: [0.6, 0.1, 1.1], axis: [1, 0, 0]')
+        text = text.replace(
+            'body: tool, at: [0.6, 0.1, 1.1], rpy: [0, 0, 0]', 'body: tool, at: [0.6, 0.1, 1.1], axis: [1, 0, 0]'
+        )
     simulation = Simulation(load_scene_text(text))
     simulation.advance(50)
     last, kin = simulation.last_step, simulation.kinematics
@@ -54,7 +57,8 @@ def test_reaction_is_what_the_jacobian_puts_on_the_free_body(kind: str) -> None:
 
 
 def test_a_clamp_holds_the_weight_and_its_moment_about_marker_f() -> None:
-    """3 kg at 2 m along x from the clamp: the clamp pushes it up, and about its own place it turns it by -y (z up, x to y is +z)."""
+    """3 kg at 2 m along x from the clamp: the clamp pushes it up, and about its own place it turns it by -y (z up, x to
+    y is +z)."""
     simulation = Simulation(
         load_scene_text(
             'mechanism: {bodies: {beam: {mass: 3, inertia: [1, 1, 1], position: [2.5, 1, 0]}}, '

@@ -67,16 +67,27 @@ def test_comments_and_blank_lines_in_a_table_are_skipped(tmp_path: Path) -> None
 
 
 def test_a_table_that_says_its_units_is_brought_to_si(tmp_path: Path) -> None:
-    """180 deg/s are pi rad/s, under names of ours and of others; a unit that is not known is left to what has no name of ours."""
+    """180 deg/s are pi rad/s, under names of ours and of others; a unit that is not known is left to what has no name
+    of ours."""
     header = 'time [s],imu/wz [deg/s],odom/twist/vx [km/h],imu/ay [m/s2],tank [kN],oil [degC],yaw [°]'
     (tmp_path / 'imu.csv').write_text(f'{header}\n0,180,36,1,5,80,180\n0.1,90,72,2,5,81,90\n')
     found = load(tmp_path / 'imu.csv')['']
     assert found['imu/wz'].to_numpy() == pytest.approx([np.pi, np.pi / 2])
     assert found['odom/twist/vx'].to_numpy() == pytest.approx([10.0, 20.0])
-    assert (found['imu/ay'].tolist(), found['tank'].tolist(), found['oil'].tolist()) == ([1.0, 2.0], [5000.0, 5000.0], [80.0, 81.0])
+    assert (found['imu/ay'].tolist(), found['tank'].tolist(), found['oil'].tolist()) == (
+        [1.0, 2.0],
+        [5000.0, 5000.0],
+        [80.0, 81.0],
+    )
     assert found['yaw'].to_numpy() == pytest.approx([np.pi, np.pi / 2])
     units = found.attrs['units']
-    assert [units[name] for name in ('imu/wz', 'imu/ay', 'tank', 'oil', 'yaw')] == ['rad/s', 'm/s^2', 'N', 'degC', 'rad']
+    assert [units[name] for name in ('imu/wz', 'imu/ay', 'tank', 'oil', 'yaw')] == [
+        'rad/s',
+        'm/s^2',
+        'N',
+        'degC',
+        'rad',
+    ]
 
 
 @pytest.mark.parametrize(
@@ -84,7 +95,11 @@ def test_a_table_that_says_its_units_is_brought_to_si(tmp_path: Path) -> None:
     [
         ('km/h', "imu/wz: it is in rad/s, which 'km/h' does not measure"),
         ('m/s', "imu/wz: it is in rad/s, which 'm/s' does not measure"),
-        ('deg/sek', "imu/wz: it is in rad/s, and 'deg/sek' is no unit that is known here; did you mean 'deg/s'?; correct the header"),
+        (
+            'deg/sek',
+            "imu/wz: it is in rad/s, and 'deg/sek' is no unit that is known here; did you mean 'deg/s'?; correct the "
+            'header',
+        ),
     ],
 )
 def test_a_table_in_a_unit_that_cannot_be_is_refused(unit: str, says: str, tmp_path: Path) -> None:
@@ -94,15 +109,17 @@ def test_a_table_in_a_unit_that_cannot_be_is_refused(unit: str, says: str, tmp_p
 
 
 def test_every_element_joint_and_reaction_of_the_full_car_has_its_units(tmp_path: Path) -> None:
-    """The bars and the gears of the axles act on angles; a rack is a length, which its ratio brings to the angle of the pinion; the driver
-    of the steering wheel holds an angle by a torque, a row of axes gives a torque, one of points a force.
+    """The bars and the gears of the axles act on angles; a rack is a length, which its ratio brings to the angle of the
+    pinion; the driver of the steering wheel holds an angle by a torque, a row of axes gives a torque, one of points a
+    force.
     """
     simulation = simulation_of(load_scene('car_step_steer', ('record.elements=true', 'record.reactions=true')))
     simulate(simulation, 2, directory=tmp_path / 'car')
     run = read(tmp_path / 'car')
     unit = runs.units(run)
     assert [name for name in run.names if not unit(name)] == []
-    assert {f'{e}/{o}': unit(f'element_states/{e}/{o}') for e, o in (('rack_and_pinion', 'value'), ('differential', 'force'))} == {
+    assert {f'{e}/{o}': unit(f'element_states/{e}/{o}') for e,
+    o in (('rack_and_pinion', 'value'), ('differential', 'force'))} == {
         'rack_and_pinion/value': 'rad', 'differential/force': 'N m',
     }  # fmt: skip
     rows = ('wheel_front_left/x', 'wheel_front_left/xz', 'driver')
@@ -114,24 +131,34 @@ def test_units_of_elements_are_those_of_their_kind() -> None:
     spring = ('energy', 'dissipation', 'length', 'rate', 'force')
     brake = ('energy', 'dissipation', 'windup', 'rate', 'torque', 'capacity')
     along = ('energy', 'dissipation', 'value', 'rate', 'force')
-    known = [f'element_states/{name}/{o}' for name, outputs in (('s', spring), ('b', brake), ('c', along)) for o in outputs]
+    known = [
+        f'element_states/{name}/{o}' for name, outputs in (('s', spring), ('b', brake), ('c', along)) for o in outputs
+    ]
     run = Run({}, {'joint_kinds': '{"a": "rotation", "b": "translation"}'}, known={'element_states': tuple(known)})
     unit = runs.units(run)
     found = {
-        c: unit(f'element_states/{c}') for c in ('s/rate', 's/force', 'b/rate', 'b/windup', 'b/torque', 'c/energy', 'c/rate', 'c/value')
+        c: unit(f'element_states/{c}')
+        for c in ('s/rate', 's/force', 'b/rate', 'b/windup', 'b/torque', 'c/energy', 'c/rate', 'c/value')
     }
     assert found == {
         's/rate': 'm/s', 's/force': 'N', 'b/rate': 'rad/s', 'b/windup': 'rad', 'b/torque': 'N m', 'c/energy': 'J',
         'c/rate': '', 'c/value': '',
     }  # fmt: skip
-    assert [unit(f'joint_states/{c}') for c in ('a/position', 'a/effort', 'b/velocity', 'x/position')] == ['rad', 'N m', 'm/s', '']
-    assert [unit(c) for c in ('imu/ay', 'odom/pose/qw', 'tire/f/force/mz', 'tire_states/f/kappa', 'cmd_applied/steering', 'what')] == [
+    assert [unit(f'joint_states/{c}') for c in ('a/position', 'a/effort', 'b/velocity', 'x/position')] == [
+        'rad',
+        'N m',
+        'm/s',
+        '',
+    ]
+    assert [unit(c) for c in ('imu/ay', 'odom/pose/qw', 'tire/f/force/mz', 'tire_states/f/kappa',
+    'cmd_applied/steering', 'what')] == [
         'm/s^2', '1', 'N m', '1', 'rad', '',
     ]  # fmt: skip
     turned = Run({}, run.metadata | {'element_kinds': '{"c": "rotation"}'}, known=run.known)
     assert [runs.units(turned)(f'element_states/c/{o}') for o in along] == ['J', 'W', 'rad', 'rad/s', 'N m']
     bare = runs.units(Run({}))
-    assert (bare('element_states/x/rate'), bare('element_states/x/energy')) == ('', 'J')  # nothing tells which kind it is
+    # nothing tells which kind it is
+    assert (bare('element_states/x/rate'), bare('element_states/x/energy')) == ('', 'J')
 
 
 def test_a_name_that_ends_in_brackets_is_no_unit(tmp_path: Path) -> None:
@@ -141,7 +168,9 @@ def test_a_name_that_ends_in_brackets_is_no_unit(tmp_path: Path) -> None:
     assert {name: values[0] for name, values in again.columns.items()} == {'car/slip[0]': 0.0, 'car/slip[1]': 1.0}
 
 
-def test_a_table_is_written_whole_or_not_at_all(rng: np.random.Generator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_table_is_written_whole_or_not_at_all(
+    rng: np.random.Generator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What was interrupted left the first rows under the name of the table, in place of what was there."""
     before = runs.export(wild(rng), tmp_path)
     texts = [file.read_text() for file in before]

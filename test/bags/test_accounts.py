@@ -18,7 +18,8 @@ from solver.errors import BagError
 
 
 def exported(place: Path, out: Path, capsys: pytest.CaptureFixture[str], *options: str) -> tuple[dict, dict[str, int]]:
-    """What `mbd export` says of a recording, and the rows in its tables; {} where it refuses the recording in one sentence."""
+    """What `mbd export` says of a recording, and the rows in its tables; {} where it refuses the recording in one
+    sentence."""
     code = main(['export', str(place), '--csv', str(out), '--json', *options])
     told = json.loads(capsys.readouterr().out)
     if code:
@@ -28,7 +29,9 @@ def exported(place: Path, out: Path, capsys: pytest.CaptureFixture[str], *option
 
 
 @pytest.mark.parametrize('kind', others.KINDS)
-def test_rows_written_and_messages_told_are_the_messages_in_the_file(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rows_written_and_messages_told_are_the_messages_in_the_file(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     read = 0
     for seed in range(12):
         rng = np.random.default_rng([seed, others.KINDS.index(kind)])
@@ -46,7 +49,9 @@ def test_rows_written_and_messages_told_are_the_messages_in_the_file(kind: str, 
         assert told['not_read'].keys() <= told['passed_over'].keys()
         for topic, one in told['topics'].items():
             assert one['messages'] == one['rows'] + one['left_out'] + one['beside']
-            assert not one['left_out'] or any(f'topic {topic}: {one["left_out"]} of' in doubt for doubt in told['doubts'])
+            assert not one['left_out'] or any(
+                f'topic {topic}: {one["left_out"]} of' in doubt for doubt in told['doubts']
+            )
     assert read >= 8
 
 
@@ -61,7 +66,8 @@ def test_times_of_publication_count_where_there_is_no_header(tmp_path: Path) -> 
     coarse = bag.read(tmp_path / 'bag', log_times=True)
     assert len(coarse.time_ns) == 8
     assert coarse.doubts == (
-        'topic steer: 392 of 400 messages are left out, because a later one has the same log time; they were recorded in bursts',
+        'topic steer: 392 of 400 messages are left out, because a later one has the same log time; they were recorded '
+        'in bursts',
     )
 
 
@@ -93,7 +99,8 @@ def test_clocks_that_do_not_meet_are_named_topic_by_topic(tmp_path: Path, capsys
     told, _ = exported(place, tmp_path / 'csv', capsys, '--log-times')
     assert told['doubts'] == []
     mapping = [f'--map={theirs}={ours}' for theirs, ours in (
-        ('yaw/vector/z', 'yaw_rate'), ('steer/data', 'steering'), ('yaw/vector/x', 'lateral_acceleration'), ('yaw/vector/y', 'speed'),
+        ('yaw/vector/z', 'yaw_rate'), ('steer/data', 'steering'), ('yaw/vector/x', 'lateral_acceleration'),
+        ('yaw/vector/y', 'speed'),
     )]  # fmt: skip
     assert main(['evaluate', str(place), '--as', 'iso7401_step', *mapping]) == 5
     assert f'its clocks do not meet: {clocks}' in capsys.readouterr().err
@@ -108,18 +115,26 @@ def test_topics_that_follow_each_other_have_one_clock(tmp_path: Path) -> None:
 
 
 def test_coarse_clocks_and_what_was_recorded_twice_are_told(tmp_path: Path) -> None:
-    quantised = [others.vector('/q', DAY + k * MS, 0, DAY + k * MS // (10 * MS) * 10 * MS, float(k)) for k in range(100)]
+    quantised = [
+        others.vector('/q', DAY + k * MS, 0, DAY + k * MS // (10 * MS) * 10 * MS, float(k)) for k in range(100)
+    ]
     double = [others.vector('/d', DAY + k * MS, 0, DAY + k // 2 * 2 * MS, float(k // 2)) for k in range(100)]
     run = bag.read(others.write(tmp_path / 'bag', [*quantised, *double]))
     assert run['q/vector/z'][np.isfinite(run['q/vector/z'])].tolist() == [9.0 + 10.0 * k for k in range(10)]
-    told = 'messages are left out, because a later one has the same header stamp; its clock is too coarse, or has several publishers'
+    told = (
+        'messages are left out, because a later one has the same header stamp; its clock is too coarse, or has '
+        'several publishers'
+    )
     assert run.doubts == (f'topic q: 90 of 100 {told}',)
-    assert run.remarks == ('topic d: 50 of 100 messages are left out, which were recorded twice: the same header stamp, the same values',)
+    assert run.remarks == (
+        'topic d: 50 of 100 messages are left out, which were recorded twice: the same header stamp, the same values',
+    )
 
 
 @pytest.mark.parametrize('other', [None, 57])
 def test_what_was_recorded_twice_is_no_loss_unless_one_of_it_differs(other: int | None, tmp_path: Path) -> None:
-    """Two recorders of one topic, merged: by stamps, by publish times, as names of several sets, and where values are no numbers."""
+    """Two recorders of one topic, merged: by stamps, by publish times, as names of several sets, and where values are
+    no numbers."""
     value = [np.nan if k == 7 else 0.1 * k for k in range(100)]
     messages = []
     for k, at in enumerate(range(DAY, DAY + 100 * MS, MS)):
@@ -132,9 +147,16 @@ def test_what_was_recorded_twice_is_no_loss_unless_one_of_it_differs(other: int 
     for topic, clock in (('v', 'header stamp'), ('s', 'publish time'), ('j', 'header stamp')):
         one = run.accounts[topic]
         assert (one.messages, one.rows, one.equal, one.twice) == (200, 100, 100, 100 if other is None else 99)
-        same = f'topic {topic}: 100 of 200 messages are left out, which were recorded twice: the same {clock}, the same values'
+        same = (
+            f'topic {topic}: 100 of 200 messages are left out, which were recorded twice: the same {clock}, the '
+            'same values'
+        )
         assert (same in run.remarks) is (other is None)
-        told = f'topic {topic}: 100 of 200 messages are left out, because a later one has the same {clock} (99 of them the same values too)'
+        told = (
+            f'topic {topic}: 100 of 200 messages are left out, because a later one has the same {clock} (99 of '
+            'them '
+            'the same values too)'
+        )
         assert any(text.startswith(told) for text in run.doubts) is (other is not None)
 
 
@@ -172,15 +194,21 @@ def test_stamps_that_go_back_in_the_order_of_recording_are_told_whatever_the_ord
 
 @pytest.mark.parametrize('order', [1, -1])
 def test_two_clocks_on_one_topic_are_named_with_the_remedy(order: int, tmp_path: Path) -> None:
-    messages = [others.vector('/v', DAY + k * 10 * MS, 0, (DAY if k % 2 else 0) + k * 10 * MS, 0.01 * k) for k in range(400)]
+    messages = [
+        others.vector('/v', DAY + k * 10 * MS, 0, (DAY if k % 2 else 0) + k * 10 * MS, 0.01 * k) for k in range(400)
+    ]
     place = others.write(tmp_path / 'bag', messages[::order])
-    with pytest.raises(BagError, match=r'go back 199 times and by up to 1.7e\+09 s, as of publishers with clocks .*take the log times'):
+    with pytest.raises(
+        BagError, match=r'go back 199 times and by up to 1.7e\+09 s, as of publishers with clocks .*take the log times'
+    ):
         bag.read(place)
     run = bag.read(place, log_times=True)
     assert run['v/vector/z'].tolist() == [0.01 * k for k in range(400)] and not run.doubts
 
 
-@pytest.mark.parametrize(('ahead', 'told'), [(0.09, False), (0.9, False), (1.5, True), (3.0, True), (30.0, True), (-3.0, False)])
+@pytest.mark.parametrize(
+    ('ahead', 'told'), [(0.09, False), (0.9, False), (1.5, True), (3.0, True), (30.0, True), (-3.0, False)]
+)
 def test_stamps_later_than_their_recording_are_of_another_clock(ahead: float, told: bool, tmp_path: Path) -> None:
     """Earlier ones may have been on their way; where all are later alike, they have one clock."""
     off = int(ahead * 1e9)
@@ -191,14 +219,19 @@ def test_stamps_later_than_their_recording_are_of_another_clock(ahead: float, to
     )):  # fmt: skip
         run = bag.read(others.write(tmp_path / f'bag{n}', [*odo, *near]))
         assert [f'; odo (header stamp) from {(DAY + off) * 1e-9:.12g}' in text for text in run.doubts] == [True] * told
-        assert not told or f'{ahead:g} s later than they were recorded; take the log times of all (--log-times)' in run.doubts[0]
+        assert (
+            not told
+            or f'{ahead:g} s later than they were recorded; take the log times of all (--log-times)' in run.doubts[0]
+        )
     also = [others.vector('/also', one.log, 0, one.log + off, 0.0) for one in odo]
     assert not bag.read(others.write(tmp_path / 'all', [*odo, *also])).doubts
 
 
 def test_order_and_numbers_that_are_none_are_told(tmp_path: Path) -> None:
     times = [0, 1, 2, 5, 3, 4, 6]
-    messages = [others.vector('/v', DAY + k * MS, 0, DAY + t * MS, [1.0, np.nan, np.inf][t % 3]) for k, t in enumerate(times)]
+    messages = [
+        others.vector('/v', DAY + k * MS, 0, DAY + t * MS, [1.0, np.nan, np.inf][t % 3]) for k, t in enumerate(times)
+    ]
     run = bag.read(others.write(tmp_path / 'bag', messages))
     assert run.doubts == (
         'topic v: 2 of 7 messages were recorded behind one with a later header stamp, and are put in order',
@@ -211,7 +244,9 @@ def test_named_values_are_columns_by_name_whatever_order_and_publisher(tmp_path:
     for k in range(40):
         at = DAY + k * 10 * MS
         values = {'left': 1.0 + k, 'right': 2.0 + k} if k % 4 == 0 else {'right': 2.0 + k, 'left': 1.0 + k}
-        messages.append(others.joints('/joint_states', at, at, at, values if k % 2 == 0 else {'spare': 3.0 + k}, 'ab' * (k % 3)))
+        messages.append(
+            others.joints('/joint_states', at, at, at, values if k % 2 == 0 else {'spare': 3.0 + k}, 'ab' * (k % 3))
+        )
     run = bag.read(others.write(tmp_path / 'bag', messages))
     assert set(run.columns) == {f'joint_states/{name}/position' for name in ('left', 'right', 'spare')}
     np.testing.assert_array_equal(run['joint_states/left/position'][::2], 1.0 + np.arange(0, 40, 2))
@@ -224,7 +259,9 @@ def test_named_values_are_columns_by_name_whatever_order_and_publisher(tmp_path:
 
 def test_messages_of_two_publishers_at_one_instant_are_one_row(tmp_path: Path) -> None:
     messages = [
-        others.joints('/joint_states', at, at, at, values) for at in range(DAY, DAY + 10 * MS, MS) for values in ({'a': 1.0}, {'b': 2.0})
+        others.joints('/joint_states', at, at, at, values)
+        for at in range(DAY, DAY + 10 * MS, MS)
+        for values in ({'a': 1.0}, {'b': 2.0})
     ]
     run = bag.read(others.write(tmp_path / 'bag', messages))
     account = run.accounts['joint_states']
@@ -257,7 +294,9 @@ def test_databases_of_which_something_is_missing_are_told(tmp_path: Path, monkey
     file.rename(place / 'other.db3')
     assert len(bag.read(place).time_ns) == 3000  # its metadata are of another recording
     monkeypatch.setitem(__import__('sys').modules, 'rosbags.rosbag2', None)
-    with pytest.raises(BagError, match=r"of ros2 bag, whose reader needs the library rosbags: pip install 'mbd_sim_ros\[rosbag2\]'"):
+    with pytest.raises(
+        BagError, match=r"of ros2 bag, whose reader needs the library rosbags: pip install 'mbd_sim_ros\[rosbag2\]'"
+    ):
         bag.read(place)
 
 
@@ -278,7 +317,9 @@ def test_types_that_are_defined_in_idl_are_read(tmp_path: Path, monkeypatch: pyt
         writer.finish()
     assert bag.read(file)['s/data'].tolist() == [*range(10)]
     monkeypatch.setitem(__import__('sys').modules, 'rosbags.typesys', None)
-    with pytest.raises(BagError, match=r"defined in 'ros2idl', which needs the library rosbags: pip install 'mbd_sim_ros\[rosbag2\]'"):
+    with pytest.raises(
+        BagError, match=r"defined in 'ros2idl', which needs the library rosbags: pip install 'mbd_sim_ros\[rosbag2\]'"
+    ):
         bag.read(file)
     assert rosbag2.SUFFIX == '.db3'
 
@@ -291,7 +332,10 @@ def test_a_run_is_not_ok_where_something_of_the_recording_that_drives_it_was_lef
     bursts = [others.scalar('/steer', int(a), int(b), 0.01) for a, b in zip(log, published)]
     hole = [*bursts[:20], others.scalar('/steer', int(log[20]), int(published[20]), np.nan), *bursts[21:]]
     twice = [one for one in bursts for _ in (0, 1)]
-    places = {name: others.write(tmp_path / name, messages) for name, messages in (('bursts', bursts), ('hole', hole), ('twice', twice))}
+    places = {
+        name: others.write(tmp_path / name, messages)
+        for name, messages in (('bursts', bursts), ('hole', hole), ('twice', twice))
+    }
 
     def run(name: str, more: str = '') -> tuple[int, dict]:
         maneuver = f"maneuver={{bag: '{places[name]}', map: {{steering: {{channel: steer/data}}}}{more}}}"
@@ -301,7 +345,10 @@ def test_a_run_is_not_ok_where_something_of_the_recording_that_drives_it_was_lef
     for name in ('bursts', 'twice'):
         code, told = run(name)
         assert (code, told['status']) == (0, 'ok')
-    for name, more, text in (('bursts', ', log_times: true', '36 of 40 messages are left out'), ('hole', '', 'steer/data (1)')):
+    for name, more, text in (
+        ('bursts', ', log_times: true', '36 of 40 messages are left out'),
+        ('hole', '', 'steer/data (1)'),
+    ):
         code, told = run(name, more)
         assert (code, told['status']) == (1, 'suspect'), told
         (finding,) = told['findings']
@@ -309,11 +356,15 @@ def test_a_run_is_not_ok_where_something_of_the_recording_that_drives_it_was_lef
 
 
 def with_diagnostics(place: Path, day: int, *, only: str = '') -> Path:
-    """A run of 1 s in simulation time beside a topic in the time of day. only: another topic in it, which clocks set back."""
+    """A run of 1 s in simulation time beside a topic in the time of day. only: another topic in it, which clocks set
+    back."""
     messages = []
     for k in range(100):
         at, log = k * 10 * MS, day + k * 10 * MS
-        messages += [others.vector('/imu', log, log, at, 0.01 * k), others.scalar('/diagnostics', log, log, 40.0 + k % 3)]
+        messages += [
+            others.vector('/imu', log, log, at, 0.01 * k),
+            others.scalar('/diagnostics', log, log, 40.0 + k % 3),
+        ]
         if only:
             messages.append(others.vector(only, log, log, k // 10 * 10 * MS, 0.0))
     return others.write(place, messages)
@@ -335,17 +386,26 @@ def test_topics_in_the_time_of_day_of_two_runs_are_left_out_with_a_note_and_are_
     code, told = compared(capsys, one, other, '--channel', 'imu/*')
     assert code == 0 and not told['notes'] and not told['doubts']
     code, told = compared(capsys, one, one)  # at one time of day it can be compared, and what is read is told
-    assert code == 0 and 'diagnostics/data' in told['channels'] and 'do not meet' in next(iter(told['doubts'].values()))[0]
+    assert (
+        code == 0 and 'diagnostics/data' in told['channels'] and 'do not meet' in next(iter(told['doubts'].values()))[0]
+    )
 
 
 def test_doubts_are_those_of_what_is_compared(tmp_path, capsys):
     """A topic of one recording alone, with equal stamps: it is missing, and nobody compares it."""
-    one, other = with_diagnostics(tmp_path / 'a', DAY, only='/coarse'), with_diagnostics(tmp_path / 'b', DAY + 3600 * 10**9)
+    one, other = (
+        with_diagnostics(tmp_path / 'a', DAY, only='/coarse'),
+        with_diagnostics(tmp_path / 'b', DAY + 3600 * 10**9),
+    )
     code, told = compared(capsys, one, other)
     assert code == 1 and told['doubts'] == {} and 'coarse/vector/z' in told['only_in_run']
     assert compared(capsys, one, other, '--allow-missing')[0] == 0
     code, told = compared(capsys, one, with_diagnostics(tmp_path / 'c', DAY + 7200 * 10**9, only='/coarse'))
-    assert code == 0 and all('topic coarse: 90 of 100' in texts[0] for texts in told['doubts'].values()) and len(told['doubts']) == 2
+    assert (
+        code == 0
+        and all('topic coarse: 90 of 100' in texts[0] for texts in told['doubts'].values())
+        and len(told['doubts']) == 2
+    )
 
 
 @pytest.mark.parametrize('published', [0, DAY - 7, (1 << 64) - 1])
@@ -353,7 +413,9 @@ def test_what_is_recovered_keeps_the_times_of_publication(published: int, tmp_pa
     """They were the log times; messages of a recorder in bursts got other times by `mbd recover`."""
     from mcap.reader import make_reader
 
-    messages = [others.scalar('/s', DAY + k // 10 * 100 * MS, published and published - k * MS, float(k)) for k in range(100)]
+    messages = [
+        others.scalar('/s', DAY + k // 10 * 100 * MS, published and published - k * MS, float(k)) for k in range(100)
+    ]
     saved = recover(others.write(tmp_path / 'bag', messages), tmp_path / 'saved').directory
     with next(saved.glob('*.mcap')).open('rb') as stream:
         found = [(m.log_time, m.publish_time) for _, _, m in make_reader(stream).iter_messages(log_time_order=False)]

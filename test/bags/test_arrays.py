@@ -26,8 +26,12 @@ def recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, str
     monkeypatch.setenv('MBD_CACHE_DIR', str(tmp_path / 'cache'))
     digest = stored.keep({'height': HEIGHTS, 'v': np.arange(7.0)})
     header = {'stamp': {'sec': 0, 'nanosec': 0}, 'frame_id': ''}
-    data = cdr.encode(JOINT_STATE, cdr.schema_text(JOINT_STATE), {'header': header, 'name': ['a'], 'position': [1.0]})[0]
-    with Recorder(tmp_path / 'run', [Topic('a', JOINT_STATE)], describe(scene='s', resolved_yaml=f"sha256: '{digest}'\n")) as recorder:
+    data = cdr.encode(JOINT_STATE, cdr.schema_text(JOINT_STATE), {'header': header, 'name': ['a'], 'position': [1.0]})[
+        0
+    ]
+    with Recorder(
+        tmp_path / 'run', [Topic('a', JOINT_STATE)], describe(scene='s', resolved_yaml=f"sha256: '{digest}'\n")
+    ) as recorder:
         recorder.write(0, [data])
     return tmp_path / 'run', digest
 
@@ -80,9 +84,15 @@ def test_attachments_of_others_are_passed_over(tmp_path: Path, recorded: tuple[P
     bag, _ = recorded
     (file,) = bag.glob('*.mcap')
     data = file.read_bytes()
-    for media, body, size in (('image/png', b'x' * 300, 300), ('text/plain', b'', 0), ('application/x-mbd-arrays', b'y' * 50, 1 << 40)):
+    for media, body, size in (
+        ('image/png', b'x' * 300, 300),
+        ('text/plain', b'', 0),
+        ('application/x-mbd-arrays', b'y' * 50, 1 << 40),
+    ):
         words = [b'f' * 64, media.encode()]
-        record = bytes(16) + b''.join(struct.pack('<I', len(word)) + word for word in words) + struct.pack('<Q', size) + body
+        record = (
+            bytes(16) + b''.join(struct.pack('<I', len(word)) + word for word in words) + struct.pack('<Q', size) + body
+        )
         record += struct.pack('<I', zlib.crc32(record))
         inserted = data[:8] + _begin(data) + struct.pack('<BQ', 9, len(record)) + record + data[8 + len(_begin(data)) :]
         other = tmp_path / f'{len(media)}.mcap'

@@ -1,4 +1,5 @@
-"""Which topics share a chunk, and what that means for those who read one topic, read in order, or read what a dead process left."""
+"""Which topics share a chunk, and what that means for those who read one topic, read in order, or read what a dead
+process left."""
 
 from __future__ import annotations
 
@@ -19,7 +20,12 @@ from mbd_sim_ros.bags.writer import RECORD, BagWriter
 from mbd_sim_ros.messages.encode import Messages
 
 STEPS, FLUSHED = 500, 50  # steps of a recording, and of those between two flushes
-LIGHT = {'/odom', '/imu', '/cmd_applied', *(f'/tire/{wheel}/force' for wheel in ('front_left', 'front_right', 'rear_left', 'rear_right'))}
+LIGHT = {
+    '/odom',
+    '/imu',
+    '/cmd_applied',
+    *(f'/tire/{wheel}/force' for wheel in ('front_left', 'front_right', 'rear_left', 'rear_right')),
+}
 WIDE = {'/joint_states', '/tire_states', '/tf'}
 HEAVY = {'/element_states'}
 
@@ -59,9 +65,16 @@ def test_a_flush_writes_a_chunk_for_each_weight_the_lightest_first_of_the_same_s
 
 @pytest.mark.parametrize(
     ('asked', 'held'),
-    [(['odom/*'], LIGHT), (['joint_states/*'], WIDE), (['element_states/*'], HEAVY), (['odom/*', 'tire_states/*'], LIGHT | WIDE)],
+    [
+        (['odom/*'], LIGHT),
+        (['joint_states/*'], WIDE),
+        (['element_states/*'], HEAVY),
+        (['odom/*', 'tire_states/*'], LIGHT | WIDE),
+    ],
 )
-def test_only_chunks_that_hold_what_is_asked_for_are_unpacked(asked: list[str], held: set[str], bag: Path, monkeypatch) -> None:
+def test_only_chunks_that_hold_what_is_asked_for_are_unpacked(
+    asked: list[str], held: set[str], bag: Path, monkeypatch
+) -> None:
     whole, unpacked = read(bag), counted(monkeypatch)
     some = read(bag, asked)
     assert some.columns and all((some[name] == whole[name]).all() for name in some.columns)
@@ -92,16 +105,21 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 def test_readers_find_all_in_the_order_of_time_and_every_topic_in_the_order_of_the_file(bag: Path) -> None:
     with bag.open('rb') as stream:
-        in_time = [(m.log_time, c.topic, m.sequence) for _, c, m in make_reader(stream, validate_crcs=True).iter_messages()]
+        in_time = [
+            (m.log_time, c.topic, m.sequence) for _, c, m in make_reader(stream, validate_crcs=True).iter_messages()
+        ]
         stream.seek(0)
-        as_written = [(m.log_time, c.topic, m.sequence) for _, c, m in make_reader(stream).iter_messages(log_time_order=False)]
+        as_written = [
+            (m.log_time, c.topic, m.sequence) for _, c, m in make_reader(stream).iter_messages(log_time_order=False)
+        ]
     assert [t for t, *_ in in_time] == sorted(t for t, *_ in as_written)
     assert sorted(in_time) == sorted(as_written) and len(in_time) == STEPS * len(LIGHT | WIDE | HEAVY)
     for topic in LIGHT | WIDE | HEAVY:
         assert [(t, n) for t, name, n in as_written if name == topic] == [(2_000_000 * k, k) for k in range(STEPS)]
     latest = 0
     for t, *_ in as_written:
-        assert latest - t < FLUSHED * 2_000_000  # whoever reads the file from front to back is never further behind than a flush
+        # whoever reads the file from front to back is never further behind than a flush
+        assert latest - t < FLUSHED * 2_000_000
         latest = max(latest, t)
 
 
@@ -117,4 +135,6 @@ def test_wherever_a_file_is_cut_off_every_topic_goes_to_the_last_flush_at_least(
             for weight, topics in enumerate((LIGHT, WIDE, HEAVY)):
                 steps = FLUSHED * ((complete + 2 - weight) // 3)
                 assert steps >= FLUSHED * (complete // 3)
-                assert all(list(saved.topics[topic.strip('/')]) == [2_000_000 * i for i in range(steps)] for topic in topics)
+                assert all(
+                    list(saved.topics[topic.strip('/')]) == [2_000_000 * i for i in range(steps)] for topic in topics
+                )

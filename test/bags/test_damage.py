@@ -1,4 +1,5 @@
-"""Damaged and crafted recordings: one sentence, in time, within memory; what can be saved is saved, and what is lost is said."""
+"""Damaged and crafted recordings: one sentence, in time, within memory; what can be saved is saved, and what is lost is
+said."""
 
 from __future__ import annotations
 
@@ -32,7 +33,10 @@ OPCODE_CHUNK = 6
 
 def good(directory: Path, n: int = 16_000) -> Path:
     t = np.arange(n) * MS
-    return write_scalars(directory, {'s': (t, {'v': np.sin(t * 1e-9), 'w': np.cos(t * 1e-9)})}) / f'{directory.name}_0.mcap'
+    return (
+        write_scalars(directory, {'s': (t, {'v': np.sin(t * 1e-9), 'w': np.cos(t * 1e-9)})})
+        / f'{directory.name}_0.mcap'
+    )
 
 
 def places(data: bytes) -> list[tuple[int, int]]:
@@ -107,14 +111,17 @@ def test_every_byte_of_our_recordings_is_under_a_checksum(tmp_path: Path) -> Non
 
 LINE = '=' * 80
 DOUBLING = (
-    'x/T1 a\nx/T1 b\n' + ''.join(f'{LINE}\nMSG: x/T{k}\nx/T{k + 1} a\nx/T{k + 1} b\n' for k in range(1, 31)) + f'{LINE}\nMSG: x/T31\n'
+    'x/T1 a\nx/T1 b\n'
+    + ''.join(f'{LINE}\nMSG: x/T{k}\nx/T{k + 1} a\nx/T{k + 1} b\n' for k in range(1, 31))
+    + f'{LINE}\nMSG: x/T31\n'
 )
 CRAFTED = {
     'a type that contains itself': ('x/A a\n', 'x/msg/A', b'\0\1\0\0'),
     'types that double': (DOUBLING, 'x/msg/A', b'\0\1\0\0'),
     'a type that is not there': ('x/B b\n', 'x/msg/A', b'\0\1\0\0' + bytes(8)),
     'a definition that is not UTF-8': (b'\xff\xfe float64 x', 'x/msg/A', b'\0\1\0\0' + bytes(8)),
-    'a count of 2^32-1 of messages': ('x/B[] b\n' + LINE + '\nMSG: x/B\nfloat64 x\n', 'x/msg/A', b'\0\1\0\0' + b'\xff' * 4),
+    'a count of 2^32-1 of messages': ('x/B[] b\n' + LINE + ('\nMSG: x/B\nfloat64 '
+        'x\n'), 'x/msg/A', b'\0\1\0\0' + b'\xff' * 4),
     'a count of 2^32-1 of texts': ('string[] b\n', 'x/msg/A', b'\0\1\0\0' + b'\xff' * 4),
     'a count of 2^32-1 of numbers': ('float64[] b\n', 'x/msg/A', b'\0\1\0\0' + b'\xff' * 4),
     'a million numbers': ('float64[1000000] b\n', 'x/msg/A', b'\0\1\0\0' + bytes(8_000_004)),
@@ -144,8 +151,12 @@ def test_crafted_types_leave_one_topic_out(name: str, tmp_path: Path) -> None:
     ('names', 'values', 'why'),
     [(['a', 'a'], [1.0, 2.0], "names 'a' twice"), (['a', 'b', 'c'], [1.0, 2.0], '3 names and 2 values of position')],
 )
-def test_no_value_is_dropped_for_want_of_a_name(names: list[str], values: list[float], why: str, tmp_path: Path) -> None:
-    file = write_mcap(tmp_path / 'a.mcap', [('/s', JOINT_STATE, cdr.schema_text(JOINT_STATE), [(1, joint_state(1, names, values))])])
+def test_no_value_is_dropped_for_want_of_a_name(
+    names: list[str], values: list[float], why: str, tmp_path: Path
+) -> None:
+    file = write_mcap(
+        tmp_path / 'a.mcap', [('/s', JOINT_STATE, cdr.schema_text(JOINT_STATE), [(1, joint_state(1, names, values))])]
+    )
     with pytest.raises(BagError, match=why):
         bag.read(file)
 
@@ -179,7 +190,9 @@ def test_messages_of_a_channel_that_is_not_declared_are_named(tmp_path: Path) ->
         for channel in (good, other, 9):
             writer.add_message(channel, MS, joint_state(0, ['v'], [1.0]), MS)
         writer.finish()
-    with pytest.raises(BagError, match=r'a\.mcap is damaged: it holds messages of channel 9, which it does not declare'):
+    with pytest.raises(
+        BagError, match=r'a\.mcap is damaged: it holds messages of channel 9, which it does not declare'
+    ):
         content(file)
     assert recover(file, tmp_path / 'saved').left_out.keys() == {'/json', 'channel 9'}
 
@@ -195,7 +208,9 @@ def bomb(file: Path, size: int, *, chunks: int = 3, content: bytes = b'\0') -> P
     """A file whose few chunks of `content`, over and over, inflate to `size` bytes each."""
     inflated = (content * (size // len(content) + 1))[:size]
     packed = zstandard.compress(inflated)
-    body = struct.pack('<QQQII', 0, 1, size, zlib.crc32(inflated), 4) + b'zstd' + struct.pack('<Q', len(packed)) + packed
+    body = (
+        struct.pack('<QQQII', 0, 1, size, zlib.crc32(inflated), 4) + b'zstd' + struct.pack('<Q', len(packed)) + packed
+    )
     header = struct.pack('<BQ', 1, 8) + bytes(8)
     file.write_bytes(records.MAGIC + header + chunks * (struct.pack('<BQ', OPCODE_CHUNK, len(body)) + body))
     return file
@@ -215,7 +230,9 @@ def test_chunks_that_inflate_are_refused_before_they_do(tmp_path: Path) -> None:
         bag.read(bomb(tmp_path / 'zeros.mcap', 1 << 22, chunks=50))
 
 
-def test_the_number_of_messages_is_bounded_by_the_size_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_number_of_messages_is_bounded_by_the_size_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(records, 'MESSAGES', (1000, 0.5))
     message = struct.pack('<BQHIQQ', 5, 22, 1, 0, 0, 0)
     with pytest.raises(BagError, match=r'it holds \d+ messages and more'):
@@ -249,7 +266,12 @@ def test_metadata_that_are_not_ours_are_one_sentence(text: str, tmp_path: Path) 
     ],
 )
 def test_a_description_that_is_damaged_is_not_replayed(key: str, value: str, why: str, tmp_path: Path) -> None:
-    channel = ('/cmd_applied', JOINT_STATE, cdr.schema_text(JOINT_STATE), [(0, joint_state(0, ['u', 'step'], [1.0, 0.0]))])
+    channel = (
+        '/cmd_applied',
+        JOINT_STATE,
+        cdr.schema_text(JOINT_STATE),
+        [(0, joint_state(0, ['u', 'step'], [1.0, 0.0]))],
+    )
     before = content(write_mcap(tmp_path / 'a.mcap', [channel], {RECORD: {key: value}}))
     with pytest.raises(BagError, match=why) as caught:
         _ = before.first_step, before.parameters, before.state
@@ -278,7 +300,9 @@ def test_lz4_and_frames_without_their_size_are_read(tmp_path: Path) -> None:
     text = cdr.schema_text(JOINT_STATE)
     messages = [(k, joint_state(k, ['v'], [float(k)])) for k in range(500)]
     for compression in (CompressionType.LZ4, CompressionType.ZSTD):
-        file = write_mcap(tmp_path / f'{compression.name}.mcap', [('/s', JOINT_STATE, text, messages)], compression=compression)
+        file = write_mcap(
+            tmp_path / f'{compression.name}.mcap', [('/s', JOINT_STATE, text, messages)], compression=compression
+        )
         np.testing.assert_array_equal(bag.read(file)['s/v'], np.arange(500.0))
     data = bytes(range(256)) * 100
     stream = zstandard.ZstdCompressor(write_content_size=False).compressobj()

@@ -16,13 +16,17 @@ ROOT = Path(__file__).parents[2]
 
 def test_the_recording_process_is_there_without_numpy_and_solver() -> None:
     """Who begins a recording waits for it: with them it took half a second of the processor, without a fifth."""
-    code = 'import sys, mbd_sim_ros.bags.process; print(*(n for n in sys.modules if n.split(".")[0] in ("numpy", "numba", "solver")))'
+    code = (
+        'import sys, mbd_sim_ros.bags.process; print(*(n for n in sys.modules if n.split(".")[0] in ("numpy", '
+        '"numba", "solver")))'
+    )
     done = subprocess.run([sys.executable, '-c', code], cwd=ROOT, check=True, capture_output=True, text=True)
     assert set(done.stdout.split()) == {'solver', 'solver.disk', 'solver.errors'}
 
 
 def test_what_is_delivered_comes_out_and_half_a_delivery_does_not() -> None:
-    """More messages than one call of the system takes, one longer than a piece and than the pipe holds, an empty one, and none."""
+    """More messages than one call of the system takes, one longer than a piece and than the pipe holds, an empty one,
+    and none."""
     many = [bytes([k % 251]) * (k % 7) for k in range(2 * BUFFERS)]
     steps = [(5, [*many, None]), (7, [None, b'', b'x' * (5 * PIECE)]), (9, [])]
     outlet, inlet = os.pipe()

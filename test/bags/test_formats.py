@@ -47,9 +47,15 @@ def test_older_formats_and_the_own_one_are_read(text: str, tmp_path: Path) -> No
     assert content(path).metadata['format'] == text
 
 
-def test_a_newer_format_is_refused_by_every_door_with_the_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_newer_format_is_refused_by_every_door_with_the_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = bag(tmp_path / 'run', format=str(FORMAT + 1), code_version='0.9.1+abc')
-    says = rf'has format {FORMAT + 1}, and this version .* reads formats up to {FORMAT}: update mbd_sim_ros .*was made by 0\.9\.1\)'
+    says = (
+        rf'has format {FORMAT + 1}, and this version .* reads formats up to {FORMAT}: update mbd_sim_ros .*was '
+        r'made '
+        r'by 0\.9\.1\)'
+    )
     for read in (reader.read, content):
         with pytest.raises(BagError, match=says):
             read(path)
@@ -74,7 +80,10 @@ def packed(**arrays: np.ndarray) -> str:
 @pytest.mark.parametrize(
     ('state', 'says'),
     [
-        (packed(k=np.int64(5)), r'cannot be replayed: its state at the beginning has format 1, .* reads format 2: save it anew'),
+        (
+            packed(k=np.int64(5)),
+            r'cannot be replayed: its state at the beginning has format 1, .* reads format 2: save it anew',
+        ),
         (packed(k=np.int64(5), format=np.array(3)), r'has format 3, .* reads format 2: update mbd_sim_ros'),
         ('AAAA', r'cannot be replayed: restore: the saved state is damaged'),
         ('no base64', r'hold a start_state that is not base64'),

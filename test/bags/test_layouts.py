@@ -1,4 +1,5 @@
-"""Chunks that are like one before are taken apart at once; what they give, and what is wrong with them, is what record by record gives."""
+"""Chunks that are like one before are taken apart at once; what they give, and what is wrong with them, is what record
+by record gives."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ STEP: Chunk = [(1, 40), (2, 64), (3, 8)]
 
 
 def chunk(messages: Chunk, time: int, opcode: int = records.MESSAGE, log_time: int | None = None) -> bytes:
-    """The records of a chunk that begins with step `time`; the opcode is that of its last record, log_time that of all."""
+    """The records of a chunk that begins with step `time`; the opcode is that of its last record, log_time that of
+    all."""
     body = b''
     for k, (channel, size) in enumerate(messages):
         kind = opcode if k == len(messages) - 1 else records.MESSAGE
@@ -57,7 +59,9 @@ CASES = {
 
 @pytest.mark.parametrize('skip', [set(), {2}])
 @pytest.mark.parametrize('name', CASES)
-def test_chunks_give_what_their_records_give_one_by_one(name: str, skip: set[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunks_give_what_their_records_give_one_by_one(
+    name: str, skip: set[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     found = read(tmp_path / 'a.mcap', CASES[name], set(skip))
     monkeypatch.setattr(layouts, 'LAYOUTS_MOST', 0)
     assert found == read(tmp_path / 'b.mcap', CASES[name], set(skip))
@@ -84,7 +88,9 @@ def test_chunks_that_are_like_the_first_are_not_walked(tmp_path: Path, walked: l
     assert [one.channel for one in found] == [1, 3] * 4 + [1]
 
 
-def test_of_our_recordings_of_small_messages_the_first_chunk_is_walked_and_the_last(tmp_path: Path, walked: list[int]) -> None:
+def test_of_our_recordings_of_small_messages_the_first_chunk_is_walked_and_the_last(
+    tmp_path: Path, walked: list[int]
+) -> None:
     """As many of them as there are in a chunk."""
     t = np.arange(50_000) * 1_000_000
     run = reader.read(write_scalars(tmp_path / 'bag', {'s': (t, {'v': np.sin(t * 1e-9)})}))

@@ -37,7 +37,10 @@ DIAGNOSTICS_TEXT = (
     HEADER
     + 'diagnostic_msgs/DiagnosticStatus[] status\n'
     + '=' * 80
-    + '\nMSG: diagnostic_msgs/DiagnosticStatus\nbyte OK=0\nbyte level\nstring name\nstring message\nstring hardware_id\n'
+    + (
+        '\nMSG: diagnostic_msgs/DiagnosticStatus\nbyte OK=0\nbyte level\nstring name\nstring message\nstring '
+        'hardware_id\n'
+    )
     + 'diagnostic_msgs/KeyValue[] values\n'
     + '=' * 80
     + '\nMSG: diagnostic_msgs/KeyValue\nstring key\nstring value'
@@ -66,7 +69,10 @@ def test_interfaces_of_a_dynamic_joint_state_are_columns_by_joint_and_interface_
         return {
             'joint_names': joints,
             'interface_values': [
-                {'interface_names': interfaces, 'values': np.array([100.0 * k + numbers[i] + numbers[j] for i in interfaces])}
+                {
+                    'interface_names': interfaces,
+                    'values': np.array([100.0 * k + numbers[i] + numbers[j] for i in interfaces]),
+                }
                 for j in joints
             ],
         }

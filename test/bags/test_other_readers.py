@@ -1,4 +1,5 @@
-"""Programs of others open every kind of bag that is written here: rosbags, the mcap reader, pandas and, where it is installed, Rerun."""
+"""Programs of others open every kind of bag that is written here: rosbags, the mcap reader, pandas and, where it is
+installed, Rerun."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ KINDS = ('step_steer', 'real_car', 'everything', 'recovered')
 
 @pytest.fixture(scope='module')
 def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A car, a recording with scalars of std_msgs, a mechanism with all that can be recorded, and what is recovered of a broken file."""
+    """A car, a recording with scalars of std_msgs, a mechanism with all that can be recorded, and what is recovered of
+    a broken file."""
     home = tmp_path_factory.mktemp('bags')
     simulation = simulation_of(
         load_scene('andrews', ('duration=0.01', 'record.reactions=true', 'record.elements=true', 'record.poses=100'))
@@ -61,7 +63,9 @@ def test_rosbags_decodes_every_message(kind: str, bags: dict[str, Path]) -> None
                 speeds.append(message.twist.twist.linear.x)
     assert found == counts(bags[kind])
     if speeds:
-        np.testing.assert_array_equal(speeds, reader.read(bags[kind], ['odom/*']).series['odom'].columns['odom/twist/vx'])
+        np.testing.assert_array_equal(
+            speeds, reader.read(bags[kind], ['odom/*']).series['odom'].columns['odom/twist/vx']
+        )
 
 
 @pytest.mark.parametrize('kind', KINDS)
@@ -77,7 +81,8 @@ def test_pandas_holds_every_number(kind: str, bags: dict[str, Path]) -> None:
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_rerun_decodes_every_topic(kind: str, bags: dict[str, Path]) -> None:
-    """Its decoders of ROS messages make numbers and poses of each message, and the links move: /tf becomes transforms."""
+    """Its decoders of ROS messages make numbers and poses of each message, and the links move: /tf becomes
+    transforms."""
     chunks = pytest.importorskip('rerun.chunk', reason="pip install '.[rerun]'")
     rows: Counter[str] = Counter()
     columns: dict[str, set[str]] = {}

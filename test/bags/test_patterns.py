@@ -20,7 +20,12 @@ def test_sets_of_characters_are_those_of_the_shell() -> None:
     assert fits_any('imu/wx', ['odom/*', 'imu/*']) and not fits_any('imu/wx', ['Imu/*'])
 
 
-NAMES = [f'odom/twist/v{axis}' for axis in 'xyz'] + ['imu/wz', 'imu/ax', 'cmd_applied/steering', 'joint_states/steering_wheel/position']
+NAMES = [f'odom/twist/v{axis}' for axis in 'xyz'] + [
+    'imu/wz',
+    'imu/ax',
+    'cmd_applied/steering',
+    'joint_states/steering_wheel/position',
+]
 NAMES += [f'tire/{wheel}/force/fz' for wheel in ('front_left', 'front_right')]
 
 

@@ -1,4 +1,5 @@
-"""Reading bags, ours and others: every topic at its own instants, only what is asked for, and no topic spoils the rest."""
+"""Reading bags, ours and others: every topic at its own instants, only what is asked for, and no topic spoils the
+rest."""
 
 from __future__ import annotations
 
@@ -27,13 +28,19 @@ NAMELESS = 'string text\n'
 
 def two_rates(directory: Path, **options) -> Path:
     fast, slow = np.arange(101) * 10 * MS, np.arange(11) * 100 * MS + 3 * MS
-    return write_scalars(directory, {'fast': (fast, {'a': fast * 1e-9, 'b': -fast * 1e-9}), 'slow': (slow, {'c': slow * 2e-9})}, **options)
+    return write_scalars(
+        directory,
+        {'fast': (fast, {'a': fast * 1e-9, 'b': -fast * 1e-9}), 'slow': (slow, {'c': slow * 2e-9})},
+        **options,
+    )
 
 
 def scalar(t: int, value: float, stamp: int | None = None) -> tuple[int, bytes]:
     stamp = t if stamp is None else stamp
     header = {'stamp': {'sec': stamp // 10**9, 'nanosec': stamp % 10**9}, 'frame_id': ''}
-    return t, cdr.encode(JOINT_STATE, cdr.schema_text(JOINT_STATE), {'header': header, 'name': ['v'], 'position': [value]})[0]
+    return t, cdr.encode(
+        JOINT_STATE, cdr.schema_text(JOINT_STATE), {'header': header, 'name': ['v'], 'position': [value]}
+    )[0]
 
 
 def scalars(topic: str, *messages: tuple[int, bytes]) -> tuple[str, str, str, list[tuple[int, bytes]]]:
@@ -91,7 +98,9 @@ before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
 reader.read(sys.argv[1])
 print((resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) * resource.getpagesize())
 """
-    said = subprocess.run([sys.executable, '-c', code, str(directory)], check=True, capture_output=True, text=True).stdout
+    said = subprocess.run(
+        [sys.executable, '-c', code, str(directory)], check=True, capture_output=True, text=True
+    ).stdout
     assert int(said) < 8 * t.size * len(wide) + 8 * CHUNK_BYTES, f'{int(said) / 1e6:.1f} MB were mapped'
 
 
@@ -107,7 +116,10 @@ def test_a_topic_that_is_no_set_of_channels_is_left_out_with_its_reason(tmp_path
     cloud = [(k, cdr.encode('x/msg/Cloud', CLOUD, {'x': 1.0, 'data': np.zeros(k + 1)})[0]) for k in range(3)]
     huge = [(0, cdr.encode('x/msg/Cloud', CLOUD, {'x': 1.0, 'data': np.zeros(columns.COLUMNS_MAX)})[0])]
     broken = [(0, b'\x00\x01\x00\x00\x01')]
-    text = [(0, cdr.encode('x/msg/Text', NAMELESS, {'text': 'hello'})[0]), (1, cdr.encode('x/msg/Text', NAMELESS, {'text': 'you'})[0])]
+    text = [
+        (0, cdr.encode('x/msg/Text', NAMELESS, {'text': 'hello'})[0]),
+        (1, cdr.encode('x/msg/Text', NAMELESS, {'text': 'you'})[0]),
+    ]
     channels = [
         scalars('/good', scalar(5, 1.0), scalar(6, 2.0)),
         ('/cloud', 'x/msg/Cloud', CLOUD, cloud),
@@ -126,9 +138,13 @@ def test_a_topic_that_is_no_set_of_channels_is_left_out_with_its_reason(tmp_path
 
 
 def test_stamps_that_are_not_set_give_way_to_the_times_of_recording(tmp_path: Path) -> None:
-    unset = bag.read(write_mcap(tmp_path / 'a.mcap', [scalars('/s', *(scalar(k, float(k), stamp=0) for k in (10, 20, 30)))]))
+    unset = bag.read(
+        write_mcap(tmp_path / 'a.mcap', [scalars('/s', *(scalar(k, float(k), stamp=0) for k in (10, 20, 30)))])
+    )
     assert unset.time_ns.tolist() == [10, 20, 30]
-    given = bag.read(write_mcap(tmp_path / 'b.mcap', [scalars('/s', *(scalar(k, float(k), stamp=k + 7) for k in (10, 20, 30)))]))
+    given = bag.read(
+        write_mcap(tmp_path / 'b.mcap', [scalars('/s', *(scalar(k, float(k), stamp=k + 7) for k in (10, 20, 30)))])
+    )
     assert given.time_ns.tolist() == [17, 27, 37]
 
 
@@ -143,14 +159,19 @@ def test_runs_behind_each_other_are_not_mixed_where_the_clock_begins_anew(log: i
     assert set(run.columns) == {'steady/v'}
     more = '' if log is None else ', or take the log times (--log-times)'
     assert run.left_out == {
-        'again': f'its times go back by 18.5 s, as of a clock that was set back or began anew; cut the recording there{more}'
+        'again': 'its times go back by 18.5 s, as of a clock that was set back or began anew; cut the recording '
+        f'there{more}'
     }
 
 
 def test_messages_that_overtook_each_other_are_put_in_order(tmp_path: Path) -> None:
     stamps = [k * 100 * MS for k in range(1, 100)]
     stamps[49] = stamps[40] + 50 * MS  # of message 50, which came 0.85 s late
-    run = bag.read(write_mcap(tmp_path / 'a.mcap', [scalars('/s', *(scalar(k * 100 * MS, float(k), s) for k, s in enumerate(stamps, 1)))]))
+    run = bag.read(
+        write_mcap(
+            tmp_path / 'a.mcap', [scalars('/s', *(scalar(k * 100 * MS, float(k), s) for k, s in enumerate(stamps, 1)))]
+        )
+    )
     assert not run.left_out and np.all(np.diff(run.time_ns) > 0)
     assert run['s/v'].tolist() == [*range(1, 42), 50, *range(42, 50), *range(51, 100)]
 
@@ -178,7 +199,9 @@ def test_several_publishers_of_one_topic_are_one_series_in_order(tmp_path: Path)
     assert run['s/v'].tolist() == [10.0, 20.0, 30.0, 40.0]
 
 
-@pytest.mark.parametrize('options', [{'use_chunking': False}, {'use_statistics': False}, {'use_summary_offsets': False, 'chunk_size': 300}])
+@pytest.mark.parametrize(
+    'options', [{'use_chunking': False}, {'use_statistics': False}, {'use_summary_offsets': False, 'chunk_size': 300}]
+)
 def test_files_without_chunks_or_summary_are_read_alike(options: dict, tmp_path: Path) -> None:
     messages = [scalar(k, float(k)) for k in range(100)]
     run = bag.read(write_mcap(tmp_path / 'a.mcap', [scalars('/s', *messages)], **options))
@@ -186,7 +209,8 @@ def test_files_without_chunks_or_summary_are_read_alike(options: dict, tmp_path:
 
 
 def test_no_damaged_byte_is_read_for_a_number(tmp_path: Path) -> None:
-    """One to three bytes changed anywhere, or the end cut off: the same numbers under the same names, or one sentence."""
+    """One to three bytes changed anywhere, or the end cut off: the same numbers under the same names, or one
+    sentence."""
     rng = np.random.default_rng(0)
     good = bag.read(two_rates(tmp_path / 'bag'))
     raw = (tmp_path / 'bag' / 'bag_0.mcap').read_bytes()

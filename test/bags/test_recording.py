@@ -1,4 +1,5 @@
-"""Recordings: what goes in comes out, other readers agree, and a broken or impossible recording ends in one sentence."""
+"""Recordings: what goes in comes out, other readers agree, and a broken or impossible recording ends in one
+sentence."""
 
 from __future__ import annotations
 
@@ -33,7 +34,9 @@ def record(directory: Path, steps: int = STEPS, **more: str) -> list:
     names = channels()
     messages = Messages(names, element_states=True)
     shots = [snapshot(names, k) for k in range(steps + 1)]
-    with Recorder(directory, messages.topics, describe(scene='synthetic', resolved_yaml='a: 1\n', parameters={'x': 2}, **more)) as recorder:
+    with Recorder(
+        directory, messages.topics, describe(scene='synthetic', resolved_yaml='a: 1\n', parameters={'x': 2}, **more)
+    ) as recorder:
         for shot in shots:
             recorder.write(shot.t_ns, messages.encode(shot))
     return shots
@@ -120,7 +123,9 @@ def test_the_mcap_reader_agrees(recorded):
         summary = reader.get_summary()
         assert summary.statistics.message_count == len(shots) * 11 + 1  # and the robot description
         assert summary.statistics.message_end_time == shots[-1].t_ns
-        schemas = {summary.schemas[c.schema_id].name: summary.schemas[c.schema_id].encoding for c in summary.channels.values()}
+        schemas = {
+            summary.schemas[c.schema_id].name: summary.schemas[c.schema_id].encoding for c in summary.channels.values()
+        }
         assert schemas['nav_msgs/msg/Odometry'] == 'ros2msg'
         for channel in summary.channels.values():
             assert channel.message_encoding == 'cdr'
@@ -149,7 +154,11 @@ def test_rosbags_opens_the_directory_and_reads_the_same(recorded):
         for connection, t_ns, data in reader.messages(connections=wanted):
             message = store.deserialize_cdr(data, connection.msgtype)
             shot = shots[t_ns // 2_000_000]
-            pose = message.pose.pose.position if connection.topic == '/odom' else message.transforms[0].transform.translation
+            pose = (
+                message.pose.pose.position
+                if connection.topic == '/odom'
+                else message.transforms[0].transform.translation
+            )
             np.testing.assert_array_equal((pose.x, pose.y, pose.z), shot.pose[1, :3])
             seen[connection.topic] += 1
         assert seen == {'/odom': len(shots), '/tf': len(shots)}
@@ -271,7 +280,9 @@ def test_a_full_disk_is_one_sentence_and_the_rest_can_be_recovered(tmp_path):
     assert saved.messages > 100
 
 
-@pytest.mark.skipif(not os.path.exists('/dev/full'), reason='/dev/full, a device that is always full, exists on Linux alone')
+@pytest.mark.skipif(
+    not os.path.exists('/dev/full'), reason='/dev/full, a device that is always full, exists on Linux alone'
+)
 def test_a_disk_that_is_full_from_the_start_is_one_sentence(tmp_path, monkeypatch):
     import builtins
 
@@ -279,7 +290,9 @@ def test_a_disk_that_is_full_from_the_start_is_one_sentence(tmp_path, monkeypatc
     monkeypatch.setattr(
         builtins,
         'open',
-        lambda name, mode='r', *a, **k: original('/dev/full', 'wb') if str(name).endswith(PART) else original(name, mode, *a, **k),
+        lambda name, mode='r', *a, **k: (
+            original('/dev/full', 'wb') if str(name).endswith(PART) else original(name, mode, *a, **k)
+        ),
     )
     writer = BagWriter(tmp_path / 'run', Messages(channels()).topics, {RECORD: describe(scene='s', resolved_yaml='')})
     encoded = Messages(channels()).encode(snapshot(channels(), 0))
@@ -290,7 +303,8 @@ def test_a_disk_that_is_full_from_the_start_is_one_sentence(tmp_path, monkeypatc
 
 @pytest.mark.realtime
 def test_a_slow_disk_never_blocks_a_real_time_run(tmp_path):
-    """With the recording process at a standstill the queue fills to its bound; from then on steps are dropped and counted."""
+    """With the recording process at a standstill the queue fills to its bound; from then on steps are dropped and
+    counted."""
     names = channels(vehicle=False)
     messages = Messages(names)
     recorder = Recorder(tmp_path / 'run', messages.topics, describe(scene='s', resolved_yaml=''), wait=False)
@@ -333,7 +347,9 @@ def killed(directory: Path, *, also_the_recording: bool) -> int:
     """Kill a process that records (and the recording process with it) after 1.5 s; return its last step."""
     environment = {**os.environ, 'PYTHONPATH': f'{ROOT}:{ROOT}/test/support'}
     command = [sys.executable, '-c', KILLED, str(directory)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, cwd=ROOT, start_new_session=True)
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env=environment, cwd=ROOT, start_new_session=True
+    )
     pid = int(process.stdout.readline())
     begin, last = None, 0
     for line in process.stdout:
@@ -396,7 +412,9 @@ def test_topics_at_different_rates_share_one_grid(tmp_path):
             shot = snapshot(names, k)
             full = messages.encode(shot)
             named = zip(messages.topics, full)
-            recorder.write(shot.t_ns, [data if k % 5 == 0 or topic.name == 'cmd_applied' else None for topic, data in named])
+            recorder.write(
+                shot.t_ns, [data if k % 5 == 0 or topic.name == 'cmd_applied' else None for topic, data in named]
+            )
     run = bag.read(tmp_path / 'run')
     np.testing.assert_array_equal(run['cmd_applied/step'], np.arange(10.0))
     assert np.flatnonzero(np.isfinite(run['odom/pose/x'])).tolist() == [0, 5]

@@ -1,4 +1,5 @@
-"""Recovered topics are offered as they were recorded: who plays the bag back reaches who listens to late or lossy topics."""
+"""Recovered topics are offered as they were recorded: who plays the bag back reaches who listens to late or lossy
+topics."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import STRING, Topic
 
 TEXT = template(STRING, {'data': 'x'}).data
-PROFILES = {  # topic -> profile as recorded, and what it says: reliable, latched, depth; rosbag2 wrote numbers before Jazzy
+# topic -> profile as recorded, and what it says: reliable, latched, depth; rosbag2 wrote numbers before Jazzy
+PROFILES = {
     '/map': ('durability: 1\n  depth: 1', True, True, 1),
     '/scan': ('depth: 7\n  reliability: best_effort\n  durability: volatile', False, False, 7),
     '/old': ('reliability: 2\n  durability: 2', False, False, 100),
@@ -31,7 +33,11 @@ def offered(file: Path) -> dict[str, str]:
 
 
 def test_profiles_of_ours_are_copied(tmp_path: Path) -> None:
-    topics = [Topic('robot_description', STRING, depth=1, latched=True), Topic('s', STRING), Topic('fast', STRING, reliable=False)]
+    topics = [
+        Topic('robot_description', STRING, depth=1, latched=True),
+        Topic('s', STRING),
+        Topic('fast', STRING, reliable=False),
+    ]
     writer = BagWriter(tmp_path / 'r', topics, {RECORD: {'scene': 'synthetic'}})
     writer.write(0, [(k, TEXT) for k in range(3)])
     before = offered(writer.finish() / 'r_0.mcap')
@@ -46,7 +52,10 @@ def test_profiles_of_others_are_understood(tmp_path: Path) -> None:
         schema = writer.register_schema(STRING, 'ros2msg', schema_text(STRING).encode())
         for topic, (text, *_) in PROFILES.items():
             writer.add_message(
-                writer.register_channel(topic, 'cdr', schema, {'offered_qos_profiles': f'- history: 1\n  {text}\n'}), 0, TEXT, 0
+                writer.register_channel(topic, 'cdr', schema, {'offered_qos_profiles': f'- history: 1\n  {text}\n'}),
+                0,
+                TEXT,
+                0,
             )
         writer.finish()
     directory = recover(tmp_path / 'other.mcap', tmp_path / 'saved').directory

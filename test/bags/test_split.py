@@ -1,4 +1,5 @@
-"""A recording that was split into files, as `ros2 bag record --max-bag-duration` does it: the sentence names the way, `recover` goes it."""
+"""A recording that was split into files, as `ros2 bag record --max-bag-duration` does it: the sentence names the way,
+`recover` goes it."""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ def split(tmp_path_factory: pytest.TempPathFactory) -> Path:
             writer = Writer(stream)
             writer.start(profile='ros2', library='test')
             channels: dict[str, int] = {}
-            for schema, channel, message in mine[k:] + mine[:k]:  # whose channel comes first differs, and the order within a part
+            # whose channel comes first differs, and the order within a part
+            for schema, channel, message in mine[k:] + mine[:k]:
                 assert schema is not None
                 if channel.topic not in channels:
                     kind = writer.register_schema(schema.name, schema.encoding, schema.data)
@@ -50,9 +52,17 @@ def split(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(
-    'words', [('export', 'BAG', '--csv', 'csv'), ('evaluate', 'BAG'), ('compare', 'BAG', 'BAG'), ('view', 'BAG', '--out', 'page.html')]
+    'words',
+    [
+        ('export', 'BAG', '--csv', 'csv'),
+        ('evaluate', 'BAG'),
+        ('compare', 'BAG', 'BAG'),
+        ('view', 'BAG', '--out', 'page.html'),
+    ],
 )
-def test_commands_say_how_its_files_become_one(words: tuple[str, ...], split: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_say_how_its_files_become_one(
+    words: tuple[str, ...], split: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main([str(split) if word == 'BAG' else word for word in words]) == BagError.exit_code
     said = capsys.readouterr().err
     assert said.startswith(f'mbd: {split} holds {PARTS} .mcap files; name one of them, or,')
@@ -90,7 +100,9 @@ def test_files_of_two_recordings_are_not_made_one(tmp_path: Path) -> None:
     (tmp_path / 'two').mkdir()
     for name in ('one.mcap', 'other.mcap'):
         shutil.copy(file, tmp_path / 'two' / name)
-    with pytest.raises(BagError, match=r'other.mcap begins \S+ s before one.mcap ends: these are not the parts of one recording'):
+    with pytest.raises(
+        BagError, match=r'other.mcap begins \S+ s before one.mcap ends: these are not the parts of one recording'
+    ):
         recover(tmp_path / 'two', tmp_path / 'saved')
     assert not (tmp_path / 'saved').exists()
 
@@ -102,7 +114,9 @@ def test_a_file_that_is_packed_as_a_whole_is_read_and_one_that_is_cut_is_told(tm
     for place in (tmp_path, tmp_path / 'car_0.mcap.zstd'):
         found = reader.read(place)
         assert all(np.array_equal(found[name], values, equal_nan=True) for name, values in whole.columns.items())
-        with pytest.raises(BagError, match=r'car_0\.mcap\.zstd is packed as a whole .*: zstd -d \S+\.zstd -o \S+car_0\.mcap$'):
+        with pytest.raises(
+            BagError, match=r'car_0\.mcap\.zstd is packed as a whole .*: zstd -d \S+\.zstd -o \S+car_0\.mcap$'
+        ):
             find_file(place)
     for rest in (packed[:4], packed[: len(packed) // 2], packed[:-9]):
         (tmp_path / 'car_0.mcap.zstd').write_bytes(rest)

@@ -1,4 +1,5 @@
-"""Tires that chatter from step to step are told; what roads, cleats, brakes and stops do to their forces is not chatter."""
+"""Tires that chatter from step to step are told; what roads, cleats, brakes and stops do to their forces is not
+chatter."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ def test_one_iteration_of_long_steps_chatters_and_two_do_not(scene: str, h: floa
     """It left +-17 to +-47 N about 206 N of a front wheel, straight ahead, and was ok."""
     assert shaken(simulation_of(load_scene(scene, [f'integrator.h={h}', 'require={}'])), 2.0) > 1.5 * LARGEST_SHAKE
     assert (
-        shaken(simulation_of(load_scene(scene, [f'integrator.h={h}', 'integrator.iterations=2', 'require={}'])), 2.0) < 0.1 * LARGEST_SHAKE
+        shaken(simulation_of(load_scene(scene, [f'integrator.h={h}', 'integrator.iterations=2', 'require={}'])), 2.0)
+        < 0.1 * LARGEST_SHAKE
     )
 
 
@@ -44,9 +46,11 @@ def test_what_shows_in_loads_or_takes_many_steps_does_not_chatter(scene: str, h:
 
 @pytest.mark.parametrize('frequency', [5.0, 10.0])
 def test_brakes_that_pump_do_not_chatter(frequency: float) -> None:
-    """Brake torques between none and 2400 N m up to ten times a second, as an anti-lock brake has them, in steps of 4 ms."""
+    """Brake torques between none and 2400 N m up to ten times a second, as an anti-lock brake has them, in steps of 4
+    ms."""
     scene = (
-        'vehicle: vehicles/light_car.yaml\nstart: {kind: equilibrium, speed: 25}\nintegrator: {h: 0.004, iterations: 2}\nduration: 3\n'
+        'vehicle: vehicles/light_car.yaml\nstart: {kind: equilibrium, speed: 25}\nintegrator: {h: 0.004, iterations: '
+        '2}\nduration: 3\n'
         f'maneuver: {{brake_torque: {{kind: sine, amplitude: 1200, offset: 1200, frequency: {frequency}}}}}\n'
     )
     s = simulation_of(load_scene_text(scene))

@@ -1,4 +1,5 @@
-"""What follows from the records of checks: sentences, limits that a scene may require, and what a record must promise."""
+"""What follows from the records of checks: sentences, limits that a scene may require, and what a record must
+promise."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ BODY = 'mechanism: {bodies: {b: {mass: 1, inertia: [1, 1, 1]}}}\nduration: 1\n'
 
 def check(**changes) -> Check:
     given = {
-        'name': 'size', 'unit': 'm', 'limit': 1.0, 'rule': '1 m', 'measure': lambda e: [Measured(value=2.0, where="body 'b'")],
+        'name': 'size', 'unit': 'm', 'limit': 1.0, 'rule': '1 '
+            'm', 'measure': lambda e: [Measured(value=2.0, where="body 'b'")],
         'reason': '{where} is too large', 'remedy': 'Take a smaller one',
     }  # fmt: skip
     return Check(**{**given, **changes})
@@ -38,7 +40,9 @@ def test_a_finding_names_check_value_limit_instant_and_place_and_ends_with_a_rem
     told = one.finding(Measured(value=3e8, limit=limit, time=0.5, where="{body} 'b'", of='roll'))
     unit = f' {one.unit}' if one.unit else ''
     least = 'at least ' if one.least else ''
-    numbers = re.escape(f'({one.name} 3e+08{unit}, limit {least}{limit:.3g}{unit}, t = 0.5 s') + r'(, \{body\} \'b\')?\)'
+    numbers = (
+        re.escape(f'({one.name} 3e+08{unit}, limit {least}{limit:.3g}{unit}, t = 0.5 s') + r'(, \{body\} \'b\')?\)'
+    )
     assert re.fullmatch(rf'[^a-z].*[^.] {numbers}\. {re.escape(one.remedy)}', told.text), told.text
     assert told.text.count("{body} 'b'") == 1
     assert told.text == f'{told.fact}. {one.remedy}'
@@ -116,7 +120,9 @@ def test_one_rule_for_the_status() -> None:
     told = [BY_NAME['unseen'].finding(Measured(value=1.0, limit=0.0))]
     assert [status_of(found) for found in ([], told)] == ['ok', 'suspect']
     assert [status_of(found, interrupted=True) for found in ([], told)] == ['interrupted'] * 2
-    assert [status_of(found, failed=True, interrupted=stopped) for found in ([], told) for stopped in (False, True)] == ['error'] * 4
+    assert [
+        status_of(found, failed=True, interrupted=stopped) for found in ([], told) for stopped in (False, True)
+    ] == ['error'] * 4
 
 
 def test_findings_that_were_kept_without_what_they_are_of_are_read() -> None:

@@ -1,4 +1,5 @@
-"""What `ros2 bag record` made of our node is viewed and replayed: by stamps, whatever the recorder's clock, and bit for bit."""
+"""What `ros2 bag record` made of our node is viewed and replayed: by stamps, whatever the recorder's clock, and bit for
+bit."""
 
 from __future__ import annotations
 
@@ -39,10 +40,14 @@ def refused(capsys: pytest.CaptureFixture[str], *argv: object) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize('kind', ['mcap', 'mcap zstd', 'db3', 'db3 file'])
 def test_a_bag_of_all_topics_describes_itself_and_replays_bit_for_bit(kind, tmp_path, capsys):
-    """Rates differ by topic, the state at the start came three times, and another node publishes transforms and joints of its own."""
+    """Rates differ by topic, the state at the start came three times, and another node publishes transforms and joints
+    of its own."""
     every = {'odom': 3, 'joint_states': 7, '/tf': 10}
     messages = node_messages(BAR, ['record.every=4'], steps=120, every=every, repeats=3)
-    messages += [joints('/joint_states', DAY + 10**9, DAY, 50_000_000, {'gripper': 0.1}), text('/planner/scene', DAY, DAY, 'a crossing')]
+    messages += [
+        joints('/joint_states', DAY + 10**9, DAY, 50_000_000, {'gripper': 0.1}),
+        text('/planner/scene', DAY, DAY, 'a crossing'),
+    ]
     bag = write(tmp_path / 'bag', messages, kind)
     code, data = document(capsys, 'replay', bag)
     assert (code, data['status'], data['steps'], data['first_step'], data['outside']) == (0, 'identical', 120, 0, [])
@@ -96,9 +101,12 @@ def test_without_the_scene_it_is_named_and_another_one_is_not_taken_for_it(tmp_p
     assert len(read_motion(bag, (), BAR).time) > 2
     assert "did you mean 'four_bar'" in refused(capsys, 'replay', bag, '--scene', 'four_bra')
     assert 'has the inputs' in refused(capsys, 'replay', bag, '--scene', 'light_car_straight')
-    assert 'or slider_crank is not its scene' in refused(capsys, 'view', bag, '--scene', 'slider_crank', '--out', tmp_path / 'x.html')
+    assert 'or slider_crank is not its scene' in refused(
+        capsys, 'view', bag, '--scene', 'slider_crank', '--out', tmp_path / 'x.html'
+    )
     other = write(
-        tmp_path / 'other', [text('/simulator/scene', DAY, DAY, '# mbd_sim_ros {"a": '), *node_messages(BAR, steps=5, told=False)]
+        tmp_path / 'other',
+        [text('/simulator/scene', DAY, DAY, '# mbd_sim_ros {"a": '), *node_messages(BAR, steps=5, told=False)],
     )
     assert 'first line of its topic ~/scene is no JSON' in refused(capsys, 'replay', other)
     told = node_bag(tmp_path / 'told', BAR, steps=20)
@@ -122,7 +130,8 @@ def test_what_is_missing_for_the_same_bits_is_said(tmp_path, capsys):
     said = refused(capsys, 'replay', middle)
     assert 'begins with step 31' in said and 'paused at its start' in said
     assert read_motion(middle).time[0] >= 0.031  # it can be seen
-    late = node_bag(tmp_path / 'late', BAR, steps=60, begin=1)  # the first state was lost: its inputs are those of no step
+    # the first state was lost: its inputs are those of no step
+    late = node_bag(tmp_path / 'late', BAR, steps=60, begin=1)
     assert document(capsys, 'replay', late)[1]['status'] == 'identical'
 
 
@@ -158,7 +167,8 @@ def test_two_runs_two_scenes_or_two_cars_in_one_bag_are_told_apart_by_name(tmp_p
         said = refused(capsys, 'replay', bag)
         assert 'goes back ' + {'driven': 'to 0.04 s', 'middle': 'from step 40 to step 0'}[name] in said
         assert 'go back from 0.04 to 0 s (a reset' in refused(capsys, 'view', bag, '--out', tmp_path / 'x.html')
-    again = write(tmp_path / 'again', [*once, *behind(once)])  # the same once more: a reset of a run that nobody disturbed
+    # the same once more: a reset of a run that nobody disturbed
+    again = write(tmp_path / 'again', [*once, *behind(once)])
     assert document(capsys, 'replay', again)[1]['status'] == 'identical'
     bag = write(tmp_path / 'cars', once + node_messages(BAR, steps=5, namespace='b'))
     assert '2 simulators' in refused(capsys, 'replay', bag)
@@ -169,7 +179,9 @@ def test_a_maneuver_takes_the_inputs_of_such_a_bag(tmp_path, capsys):
     bag = node_bag(tmp_path / 'bag', BAR, steps=50)
     found = inputs_of(content(bag))
     assert (found.first, found.last, found.h_ns, found.from_start) == (0, 50, 1_000_000, True)
-    code, _ = document(capsys, 'run', BAR, '--set', f"maneuver={{bag: '{bag}'}}", '--duration', '0.05', '--out', tmp_path / 'run')
+    code, _ = document(
+        capsys, 'run', BAR, '--set', f"maneuver={{bag: '{bag}'}}", '--duration', '0.05', '--out', tmp_path / 'run'
+    )
     assert code == 0
     assert content(bag).topics['joint_states'] == content(tmp_path / 'run').topics['joint_states']
 
@@ -187,7 +199,8 @@ def test_stamps_of_poses_that_go_back_are_refused_and_the_last_of_an_instant_cou
 
 @pytest.mark.realtime
 def test_what_the_node_itself_publishes_is_such_a_bag(tmp_path, monkeypatch, capsys):
-    """The bytes of a real node with a driver, from its pause at the start on, with the time of day as the recorder has it."""
+    """The bytes of a real node with a driver, from its pause at the start on, with the time of day as the recorder has
+    it."""
     rclpy = pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     from open_node import do, until
     from processes import DOMAIN
@@ -217,7 +230,10 @@ def test_what_the_node_itself_publishes_is_such_a_bag(tmp_path, monkeypatch, cap
         node.open(*prepare(CAR, ['record.poses=50']))
         assert do(node, lambda running: running.loop.pause() or '')[0]
         types = {topic: kinds[0] for topic, kinds in node.get_publisher_names_and_types_by_node('simulator', '/')}
-        ears = [listener.create_subscription(message_class(kind), topic, lambda _: None, 100, raw=True) for topic, kind in types.items()]
+        ears = [
+            listener.create_subscription(message_class(kind), topic, lambda _: None, 100, raw=True)
+            for topic, kind in types.items()
+        ]
         assert do(node, lambda running: running.reset() or '')[0]
         time.sleep(2.5)  # the paused state is published again, and the listener is seen
         latched = [one for one in sent if one[0] in ('/simulator/scene', '/robot_description')]

@@ -86,7 +86,8 @@ def shown(*argv: str, **environment: str) -> bytes:
 def test_a_command_on_a_terminal(tmp_path: Path) -> None:
     t = np.arange(11) * 1_000_000
     a, b = (
-        str(write_scalars(tmp_path / name, {'imu': (t, {'wz': factor * (1.0 + t * 1e-9)})})) for name, factor in (('a', 1.0), ('b', 1.1))
+        str(write_scalars(tmp_path / name, {'imu': (t, {'wz': factor * (1.0 + t * 1e-9)})}))
+        for name, factor in (('a', 1.0), ('b', 1.1))
     )
     assert f'{RED}the recordings differ{PLAIN}: yaw rate'.encode() in shown('compare', b, a)
     for text in (shown('compare', b, a, NO_COLOR='1'), shown('compare', b, a, '--json'), shown('compare', a, a)):

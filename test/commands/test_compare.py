@@ -1,4 +1,5 @@
-"""mbd compare as vehicle engineers use it: recordings of others, repeats, tolerances, reports; one object, one sentence, the right code."""
+"""mbd compare as vehicle engineers use it: recordings of others, repeats, tolerances, reports; one object, one
+sentence, the right code."""
 
 from __future__ import annotations
 
@@ -52,10 +53,14 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-def car(directory: Path, driven: Path, seed: int, *, load_factor: float = 1.0, offset: float = PLANTED, noise: float = 1.0) -> Path:
-    """What a measuring system would have recorded of that run: 100 Hz and 50 Hz, the time of day, other names, units and signs, noise.
+def car(
+    directory: Path, driven: Path, seed: int, *, load_factor: float = 1.0, offset: float = PLANTED, noise: float = 1.0
+) -> Path:
+    """What a measuring system would have recorded of that run: 100 Hz and 50 Hz, the time of day, other names, units
+    and signs, noise.
 
-    Its clock is ahead such that `offset` must be added to its stamps, counted from the first. load_factor: error of one load cell.
+    Its clock is ahead such that `offset` must be added to its stamps, counted from the first. load_factor: error of one
+    load cell.
     """
     run = bag.read(driven)
     rng = np.random.default_rng(seed)
@@ -67,16 +72,27 @@ def car(directory: Path, driven: Path, seed: int, *, load_factor: float = 1.0, o
         return values + noise * part * np.max(np.abs(values)) * rng.standard_normal(values.size)
 
     t, slow = np.arange(760) * 0.01, np.arange(380) * 0.02
-    loads = {corner: (at(f'tire/{corner}/force/fz', t) - 50.0) / 1e3 for corner in ('front_left', 'front_right', 'rear_left', 'rear_right')}
+    loads = {
+        corner: (at(f'tire/{corner}/force/fz', t) - 50.0) / 1e3
+        for corner in ('front_left', 'front_right', 'rear_left', 'rear_right')
+    }
     loads['rear_left'] = (load_factor * at('tire/rear_left/force/fz', t) - 50.0) / 1e3
     held = np.searchsorted(run.time, slow + offset, 'right') - 1
     topics = {
-        'vehicle/motion': (t, {'yaw_rate': noisy(np.rad2deg(at('imu/wz', t)), 0.004), 'lateral': noisy(-at('imu/ay', t) / 9.80665, 0.004)}),
+        'vehicle/motion': (
+            t,
+            {
+                'yaw_rate': noisy(np.rad2deg(at('imu/wz', t)), 0.004),
+                'lateral': noisy(-at('imu/ay', t) / 9.80665, 0.004),
+            },
+        ),
         'vehicle/speed': (slow, {'kmh': noisy(3.6 * at('odom/twist/vx', slow), 0.0005)}),
         'vehicle/steering': (slow, {'angle': np.rad2deg(run['cmd_applied/steering'][held])}),
         'wheels/load': (t, {corner: noisy(values, 0.001) for corner, values in loads.items()}),
     }
-    stamped = {topic: (EPOCH + np.round(times * 1e9).astype(np.int64), columns) for topic, (times, columns) in topics.items()}
+    stamped = {
+        topic: (EPOCH + np.round(times * 1e9).astype(np.int64), columns) for topic, (times, columns) in topics.items()
+    }
     return write_scalars(directory, stamped, log_ns=3 * MS)
 
 
@@ -88,7 +104,9 @@ def files(tmp_path: Path) -> tuple[str, ...]:
 
 
 @pytest.mark.slow
-def test_a_recording_of_a_car_is_aligned_converted_and_rated(driven: Path, files: tuple[str, ...], tmp_path: Path, capsys) -> None:
+def test_a_recording_of_a_car_is_aligned_converted_and_rated(
+    driven: Path, files: tuple[str, ...], tmp_path: Path, capsys
+) -> None:
     good = car(tmp_path / 'good', driven, 1)
     code, data = document(capsys, driven, good, *files, '--overlap', '0.9', '--html', tmp_path / 'r.html')
     assert data['outside'] == [], {name: data['channels'][name] for name in data['outside']}
@@ -105,7 +123,9 @@ def test_a_recording_of_a_car_is_aligned_converted_and_rated(driven: Path, files
 
 
 @pytest.mark.slow
-def test_an_error_of_two_percent_in_one_channel_is_named(driven: Path, files: tuple[str, ...], tmp_path: Path, capsys) -> None:
+def test_an_error_of_two_percent_in_one_channel_is_named(
+    driven: Path, files: tuple[str, ...], tmp_path: Path, capsys
+) -> None:
     bad = car(tmp_path / 'bad', driven, 2, load_factor=1.02)
     code, data = document(capsys, driven, bad, *files, '--overlap', '0.9')
     assert code == 1
@@ -136,7 +156,11 @@ def scalars(directory: Path, n: int = 801, *, factor: float = 1.0, extra: bool =
 
 
 def test_a_run_that_is_cut_short_or_lacks_channels_is_not_the_same(tmp_path: Path, capsys) -> None:
-    whole, cut, more = scalars(tmp_path / 'whole'), scalars(tmp_path / 'cut', 501), scalars(tmp_path / 'more', extra=True)
+    whole, cut, more = (
+        scalars(tmp_path / 'whole'),
+        scalars(tmp_path / 'cut', 501),
+        scalars(tmp_path / 'more', extra=True),
+    )
     code, data = document(capsys, cut, whole)
     assert (code, data['outside']) == (1, ['imu/wz', 'imu/ay'])
     assert data['channels']['imu/wz']['overlap'] == pytest.approx(0.625, abs=0.003)
@@ -160,7 +184,9 @@ def test_a_reference_of_the_other_sign_is_aligned_and_told(tmp_path: Path, capsy
     assert offset['seconds'] == pytest.approx(-0.25, abs=1e-3)
     assert data['problems'][0].startswith('imu/wz of the reference fits with its sign turned (correlation -1.0000)')
     (tmp_path / 'map.yaml').write_text('channels:\n  imu/wz: {channel: imu/wz, sign: -1}\n')
-    code, data = document(capsys, ours, theirs, '--align', 'imu/wz', '--rtol', '0.01', '--mapping', tmp_path / 'map.yaml')
+    code, data = document(
+        capsys, ours, theirs, '--align', 'imu/wz', '--rtol', '0.01', '--mapping', tmp_path / 'map.yaml'
+    )
     assert (code, data['offsets'][0]['turned'], data['problems']) == (0, False, [])
 
 
@@ -240,7 +266,8 @@ def test_tolerances_that_judge_no_channel_are_told(tmp_path: Path, capsys) -> No
     ours, file = scalars(tmp_path / 'ours'), tmp_path / 'limits.yaml'
     file.write_text('tolerances:\n  imu/w*: {rtol: 0.1}\n  imu/wz: {rtol: 0.2}\n  imo/ay: {rtol: 0.1}\n')
     code, data = document(capsys, ours, ours, '--tolerances', file)
-    assert (code, data['unused_tolerances']) == (0, ['imu/wz', 'imo/ay'])  # one behind another pattern, one with an error
+    # one behind another pattern, one with an error
+    assert (code, data['unused_tolerances']) == (0, ['imu/wz', 'imo/ay'])
     assert main(['compare', str(ours), str(ours), '--tolerances', str(file)]) == 0
     assert 'tolerances of imo/ay: no channel is judged by them' in capsys.readouterr().out
 
@@ -248,7 +275,22 @@ def test_tolerances_that_judge_no_channel_are_told(tmp_path: Path, capsys) -> No
 def test_export_of_chosen_channels_and_to_parquet(tmp_path: Path, capsys) -> None:
     pytest.importorskip('pyarrow', reason='pip install .[analysis]')
     ours = scalars(tmp_path / 'ours')
-    assert main(['export', str(ours), '--parquet', str(tmp_path / 'p'), '--csv', str(tmp_path / 'c'), '--channel', 'imu/w*', '--json']) == 0
+    assert (
+        main(
+            [
+                'export',
+                str(ours),
+                '--parquet',
+                str(tmp_path / 'p'),
+                '--csv',
+                str(tmp_path / 'c'),
+                '--channel',
+                'imu/w*',
+                '--json',
+            ]
+        )
+        == 0
+    )
     data = json.loads(capsys.readouterr().out)
     assert (data['rows'], data['columns']) == (801, 1)
     assert sorted(Path(f).name for f in data['files']) == ['imu.csv', 'imu.parquet']
@@ -259,11 +301,15 @@ def test_export_of_chosen_channels_and_to_parquet(tmp_path: Path, capsys) -> Non
 
 
 def test_what_is_not_asked_for_is_not_loaded(tmp_path: Path) -> None:
-    """numba and scipy take longer to load than small recordings to compare; only the rating and elements ask for them."""
+    """numba and scipy take longer to load than small recordings to compare; only the rating and elements ask for
+    them."""
     t = np.arange(20) * MS
     for name in ('a', 'b'):
         write_scalars(tmp_path / name, {'odom': (t, {'x': t * 1e-9})})
-    code = 'import sys; from mbd_sim_ros.commands.main import main; code = main(sys.argv[1:]); print(code, *sorted(sys.modules))'
+    code = (
+        'import sys; from mbd_sim_ros.commands.main import main; code = main(sys.argv[1:]); print(code, '
+        '*sorted(sys.modules))'
+    )
     for judged in ('--exact', '--no-rating'):
         command = [sys.executable, '-c', code, 'compare', str(tmp_path / 'a'), str(tmp_path / 'b'), judged]
         said = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1].split()
@@ -275,7 +321,9 @@ def test_tables_in_different_units_are_compared_in_si(tmp_path: Path, capsys: py
     t = np.arange(200) * 0.01
     for name, unit, factor in (('run', 'rad/s', 1.0), ('reference', 'deg/s', 180.0 / np.pi)):
         table = np.column_stack([t, factor * np.sin(t)])
-        np.savetxt(tmp_path / f'{name}.csv', table, delimiter=',', header=f'time [s],imu/wz [{unit}]', comments='', fmt='%.15g')
+        np.savetxt(
+            tmp_path / f'{name}.csv', table, delimiter=',', header=f'time [s],imu/wz [{unit}]', comments='', fmt='%.15g'
+        )
     run, reference = (tmp_path / f'{name}.csv' for name in ('run', 'reference'))
     for pair in ((run, reference), (reference, run)):
         code, data = document(capsys, *pair)
@@ -285,13 +333,21 @@ def test_tables_in_different_units_are_compared_in_si(tmp_path: Path, capsys: py
 
 
 def test_tables_of_others_are_compared_in_si_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A heading that passes 180 deg, wrapped and at 50 Hz, beside one in rad that counts on, at 70 Hz: the same but for the chords."""
+    """A heading that passes 180 deg, wrapped and at 50 Hz, beside one in rad that counts on, at 70 Hz: the same but for
+    the chords."""
     for name, unit, factor, rate in (('run', 'deg', 180.0 / np.pi, 50.0), ('reference', 'rad', 1.0, 70.0)):
         t = np.arange(round(2.0 * rate) + 1) / rate
         yaw = 3.0 + 0.2 * t
         wrapped = np.where((yaw > np.pi) & (unit == 'deg'), yaw - 2.0 * np.pi, yaw)
         table = np.column_stack([t, factor * wrapped])
-        np.savetxt(tmp_path / f'{name}.csv', table, delimiter=',', header=f'time [s],ins/yaw [{unit}]', comments='', fmt='%.15g')
+        np.savetxt(
+            tmp_path / f'{name}.csv',
+            table,
+            delimiter=',',
+            header=f'time [s],ins/yaw [{unit}]',
+            comments='',
+            fmt='%.15g',
+        )
     for pair in (('run', 'reference'), ('reference', 'run')):
         code, data = document(capsys, *(tmp_path / f'{name}.csv' for name in pair))
         assert (code, data['channels']['ins/yaw']['unit'], data['notes']) == (0, 'rad', [])
@@ -305,7 +361,9 @@ def test_a_mapping_names_fields_with_brackets(tmp_path: Path, capsys: pytest.Cap
     ours = write_scalars(tmp_path / 'ours', {'odom': (np.round(t * 1e9).astype(np.int64), {'vx': t})})
     columns = {f'can.wheels[{k}].speed': (1.0 + k) * t for k in range(2)}
     table = np.column_stack([t, *columns.values()])
-    np.savetxt(tmp_path / 'theirs.csv', table, delimiter=',', header=','.join(['time [s]', *columns]), comments='', fmt='%.15g')
+    np.savetxt(
+        tmp_path / 'theirs.csv', table, delimiter=',', header=','.join(['time [s]', *columns]), comments='', fmt='%.15g'
+    )
     file = tmp_path / 'map.yaml'
     file.write_text("channels:\n  odom/vx: {channel: 'can.wheels[0].speed'}\n")
     code, data = document(capsys, ours, tmp_path / 'theirs.csv', '--mapping', file)

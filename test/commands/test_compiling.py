@@ -1,4 +1,5 @@
-"""The bar while kernels compile: kernels of the solver are counted, on a terminal, and never where the output is no terminal or is JSON."""
+"""The bar while kernels compile: kernels of the solver are counted, on a terminal, and never where the output is no
+terminal or is JSON."""
 
 from __future__ import annotations
 
@@ -94,9 +95,13 @@ def test_a_bar_that_is_too_short_grows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(('scene', 'about'), [('slider_crank', compiling.OF_MECHANISM), ('car_step_steer', compiling.OF_CAR)])
+@pytest.mark.parametrize(
+    ('scene', 'about'), [('slider_crank', compiling.OF_MECHANISM), ('car_step_steer', compiling.OF_CAR)]
+)
 def test_about_so_many_kernels_are_compiled(scene: str, about: int, tmp_path: Path) -> None:
     """A quarter more or less is as good for a bar."""
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path), 'MBD_CACHE_DIR': str(tmp_path)}
-    done = subprocess.run([sys.executable, '-c', COUNT, scene], env=environment, capture_output=True, text=True, timeout=900, check=True)
+    done = subprocess.run(
+        [sys.executable, '-c', COUNT, scene], env=environment, capture_output=True, text=True, timeout=900, check=True
+    )
     assert int(done.stdout) == pytest.approx(about, rel=0.25)

@@ -43,7 +43,12 @@ channels:
   speed: {channel: car/speed/kmh, unit: km/h}
   steering: {channel: car/wheel/angle, unit: deg}
 """
-THEIRS = {'yaw_rate': 'car/imu/yaw', 'lateral_acceleration': 'car/imu/lateral', 'speed': 'car/speed/kmh', 'steering': 'car/wheel/angle'}
+THEIRS = {
+    'yaw_rate': 'car/imu/yaw',
+    'lateral_acceleration': 'car/imu/lateral',
+    'speed': 'car/speed/kmh',
+    'steering': 'car/wheel/angle',
+}
 
 
 @pytest.fixture
@@ -56,10 +61,14 @@ def foreign(tmp_path: Path) -> tuple[Path, Path]:
     return recorded(tmp_path / 'car', s, THEIRS), tmp_path / 'car.yaml'
 
 
-def test_a_recording_of_others_is_evaluated(foreign: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_of_others_is_evaluated(
+    foreign: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag, file = foreign
     page = tmp_path / 'page.html'
-    assert main(['evaluate', str(bag), '--as', 'iso7401_step', '--mapping', str(file), '--html', str(page), '--json']) == 0
+    assert (
+        main(['evaluate', str(bag), '--as', 'iso7401_step', '--mapping', str(file), '--html', str(page), '--json']) == 0
+    )
     captured = capsys.readouterr()
     assert captured.err == ''
     data = json.loads(captured.out)
@@ -87,8 +96,21 @@ def test_a_table_in_the_units_of_its_header_is_evaluated_in_si(
         'yaw_rate [°/s]': 180.0 / math.pi,
         'lateral_acceleration [g]': 1.0 / G,
     }
-    values = [s.t, *(factor * s[n] for n, factor in zip(('steering', 'speed', 'yaw_rate', 'lateral_acceleration'), columns.values()))]
-    np.savetxt('car.csv', np.column_stack(values), delimiter=',', header=','.join(['time [s]', *columns]), comments='', encoding='utf-8')
+    values = [
+        s.t,
+        *(
+            factor * s[n]
+            for n, factor in zip(('steering', 'speed', 'yaw_rate', 'lateral_acceleration'), columns.values())
+        ),
+    ]
+    np.savetxt(
+        'car.csv',
+        np.column_stack(values),
+        delimiter=',',
+        header=','.join(['time [s]', *columns]),
+        comments='',
+        encoding='utf-8',
+    )
     Path('car.yaml').write_text('channels:\n  steering: {channel: wheel, unit: rad}\n')
     assert main(['evaluate', 'car.csv', '--as', 'iso7401_step', '--json', *options]) == 0
     figures = {n: f['value'] for n, f in json.loads(capsys.readouterr().out)['results'][0]['figures'].items()}
@@ -104,17 +126,26 @@ def test_a_table_in_the_units_of_its_header_is_evaluated_in_si(
         ([], 'does not say which maneuver of a norm it holds; say it with --as'),
         (['--as', 'iso7401_stepp'], "did you mean 'iso7401_step'"),
         (['--as', 'iso7401_step'], 'none of the channels that evaluations use is in it'),
-        (['--as', 'iso7401_step', '--map', 'car/wheel/angle=steering'], 'has no speed along the vehicle: the channel speed or'),
+        (
+            ['--as', 'iso7401_step', '--map', 'car/wheel/angle=steering'],
+            'has no speed along the vehicle: the channel speed or',
+        ),
         (['--as', 'iso13674', '--mapping', 'FILE'], 'no weaving in the recording'),
         (['--as', 'iso7401', '--mapping', 'FILE'], 'hold? iso7401_step, iso7401_frequency'),
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settle=1'], "did you mean 'settled'"),
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settled'], 'write it as KEY=NUMBER'),
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settled=-1'], 'settled = -1.0: must be > 0'),
-        (['--as', 'iso7401_frequency', '--mapping', 'FILE', '--set', 'segment=1e-9'], 'at least 3 are needed; give segment='),
+        (
+            ['--as', 'iso7401_frequency', '--mapping', 'FILE', '--set', 'segment=1e-9'],
+            'at least 3 are needed; give segment=',
+        ),
         (['--as', 'iso7401_frequency', '--mapping', 'FILE', '--set', 'low=3'], 'low = 3.0: must be below high = 2.5'),
         (['--as', 'iso3888_2', '--mapping', 'FILE', '--set', 'start=nan'], 'start = nan: must be a finite number'),
         (['--as', 'iso2631', '--mapping', 'FILE', '--set', 'kx=1e300'], 'kx = 1e+300: must not be beyond 1e+09'),
-        (['--as', 'iso7401_step', '--map', 'car/wheel/angle=stering'], "no evaluation has a signal 'stering'; did you mean 'steering'?"),
+        (
+            ['--as', 'iso7401_step', '--map', 'car/wheel/angle=stering'],
+            "no evaluation has a signal 'stering'; did you mean 'steering'?",
+        ),
         (
             ['--as', 'iso7401_step', '--mapping', 'FILE', '--sett', 'settled=1'],
             "unrecognized argument --sett; did you mean '--set'?; see mbd evaluate",
@@ -134,7 +165,12 @@ def test_refusals_are_one_sentence(
 
 @pytest.mark.parametrize(
     ('right', 'wrong', 'factor'),
-    [('', '', None), ('unit: deg/s', 'unit: rad/s', math.pi / 180.0), ('unit: km/h', 'unit: m/s', 1.0 / 3.6), (', sign: -1', '', -1.0)],
+    [
+        ('', '', None),
+        ('unit: deg/s', 'unit: rad/s', math.pi / 180.0),
+        ('unit: km/h', 'unit: m/s', 1.0 / 3.6),
+        (', sign: -1', '', -1.0),
+    ],
 )
 def test_units_and_signs_that_cannot_be_are_told(
     foreign: tuple[Path, Path], right: str, wrong: str, factor: float | None, capsys: pytest.CaptureFixture[str]
@@ -157,7 +193,9 @@ def test_a_steering_wheel_whose_sign_is_wrong_is_told(
     file.write_text(MAPPING.replace('angle, unit: deg', 'angle, unit: deg, sign: -1'))
     assert main(['evaluate', str(bag), '--as', 'iso7401_step', '--mapping', str(file), '--json']) == 0
     notes = json.loads(capsys.readouterr().out)['results'][0]['notes']
-    assert notes == ['the car turns to the other side than its steering wheel: check the signs of steering and yaw rate']
+    assert notes == [
+        'the car turns to the other side than its steering wheel: check the signs of steering and yaw rate'
+    ]
     for s in (circling('constant_radius'), circling('constant_speed', -1.0), weaving(), dwelling(), stepped(-1.0)):
         del s.values['lateral_acceleration']  # of its own
         assert judging.misfit(s) == ()
@@ -179,27 +217,41 @@ def test_a_steering_wheel_beyond_any_lock_is_told() -> None:
 
 
 def swept(rate: float = 100.0) -> Signals:
-    """A swept sine to 3.5 Hz of a car whose lateral acceleration lags behind its yaw rate, as 1 / (1 + i w / (5 rad/s))^2 in size and half
-    of that in phase: 1 times speed times yaw rate where it is slow, next to nothing where it is fast."""
+    """A swept sine to 3.5 Hz of a car whose lateral acceleration lags behind its yaw rate, as 1 / (1 + i w / (5
+    rad/s))^2 in size and half of that in phase: 1 times speed times yaw rate where it is slow, next to nothing where it
+    is fast."""
     t = np.arange(0.0, 60.0, 1.0 / rate)
     w = 2.0 * math.pi * np.linspace(0.05, 3.5, t.size)
     phase = np.concatenate([[0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) / rate)])
     lag = np.arctan(w / 5.0)
     yaw, lateral = 0.1 * np.sin(phase), 2.2 * np.cos(lag) ** 2 * np.sin(phase - lag)
-    values = {'steering': 0.3 * np.sin(phase + 0.1), 'speed': np.full(t.size, 22.0), 'yaw_rate': yaw, 'lateral_acceleration': lateral}
+    values = {
+        'steering': 0.3 * np.sin(phase + 0.1),
+        'speed': np.full(t.size, 22.0),
+        'yaw_rate': yaw,
+        'lateral_acceleration': lateral,
+    }
     return Signals(place='car', t=t, values=values, notes=[])
 
 
 def test_a_car_that_is_steered_faster_than_it_follows_is_no_wrong_unit() -> None:
-    """The full car was told to check its units in its own swept sine, where the lateral acceleration is 0.48 of speed times yaw rate."""
+    """The full car was told to check its units in its own swept sine, where the lateral acceleration is 0.48 of speed
+    times yaw rate."""
     s = swept()
     turning = s['speed'] * s['yaw_rate']
     assert turning @ s['lateral_acceleration'] / (turning @ turning) < judging.FITS[0]
     assert judging.misfit(s) == ()
-    for name, factor in (('lateral_acceleration', 1.0 / G), ('yaw_rate', 180.0 / math.pi), ('speed', 3.6), ('lateral_acceleration', -1.0)):
+    for name, factor in (
+        ('lateral_acceleration', 1.0 / G),
+        ('yaw_rate', 180.0 / math.pi),
+        ('speed', 3.6),
+        ('lateral_acceleration', -1.0),
+    ):
         wrong = swept()
         wrong.values[name] = factor * wrong[name]
-        assert any('times speed times yaw rate, not about 1: check units' in note for note in judging.misfit(wrong)), name
+        assert any('times speed times yaw rate, not about 1: check units' in note for note in judging.misfit(wrong)), (
+            name
+        )
     back = swept()
     back.values |= {name: -back[name] for name in ('speed', 'yaw_rate')}
     assert judging.misfit(back) == ()
@@ -228,7 +280,10 @@ def test_what_is_no_number_is_told(signal: str, tmp_path: Path, capsys: pytest.C
     options = ['--as', 'iso7401_step', '--map', 'car/*=*', '--json']
     assert main(['evaluate', str(recorded(tmp_path / 'part', s, channels)), *options]) == 0
     counted = f'topic car: values that are no number: car/{signal} (70)'
-    assert json.loads(capsys.readouterr().out)['results'][0]['notes'] == [counted, '0.71 s without samples behind t = 0.49 s']
+    assert json.loads(capsys.readouterr().out)['results'][0]['notes'] == [
+        counted,
+        '0.71 s without samples behind t = 0.49 s',
+    ]
     s[signal][:] = np.nan
     assert main(['evaluate', str(recorded(tmp_path / 'all', s, channels)), *options]) == 5
     assert f'the channel {signal} holds no number' in json.loads(capsys.readouterr().out)['error']
@@ -247,10 +302,19 @@ def test_a_car_that_stands_drives_no_maneuver(tmp_path: Path, capsys: pytest.Cap
     [
         ({}, ''),  # of others
         ({'resolved_scene': 'name: x', 'status': 'ok'}, ''),
-        ({'resolved_scene': 'name: x', 'status': 'suspect', 'findings': '[{"text": "it drifts"}]'}, 'the run is suspect: it drifts'),
-        ({'resolved_scene': 'name: x', 'end': 'the simulating process died'}, 'the run has no verdict: the simulating process died'),
+        (
+            {'resolved_scene': 'name: x', 'status': 'suspect', 'findings': '[{"text": "it drifts"}]'},
+            'the run is suspect: it drifts',
+        ),
+        (
+            {'resolved_scene': 'name: x', 'end': 'the simulating process died'},
+            'the run has no verdict: the simulating process died',
+        ),
         ({'resolved_scene': 'name: x'}, 'the run has no verdict: its recording was cut off'),
-        ({'resolved_scene': 'name: x', 'status': 'ok', 'damage': 'its end is missing'}, 'the recording is not whole: its end is missing'),
+        (
+            {'resolved_scene': 'name: x', 'status': 'ok', 'damage': 'its end is missing'},
+            'the recording is not whole: its end is missing',
+        ),
         ({'resolved_scene': 'name: x', 'status': 'ok', 'dropped_steps': '0'}, ''),
         (
             {'resolved_scene': 'name: x', 'status': 'ok', 'dropped_steps': '20'},
@@ -287,7 +351,11 @@ def test_every_evaluation_is_listed_and_can_be_called(capsys: pytest.CaptureFixt
         assert called(e.name) == (e,)
         assert set(e.needs + e.also) <= set(WAYS)
         assert judging.parameters_of(e, {})
-    assert [e.name for e in called('iso4138')] == ['iso4138_constant_radius', 'iso4138_constant_steering', 'iso4138_constant_speed']
+    assert [e.name for e in called('iso4138')] == [
+        'iso4138_constant_radius',
+        'iso4138_constant_steering',
+        'iso4138_constant_speed',
+    ]
     assert called('ISO-3888-2')[0].name == 'iso3888_2'
     assert 'iso19365' in names()
     with pytest.raises(SpecError, match='iso4138'):
@@ -295,7 +363,8 @@ def test_every_evaluation_is_listed_and_can_be_called(capsys: pytest.CaptureFixt
 
 
 @pytest.mark.parametrize(
-    ('stated', 'judged'), [('fmvss126', True), ('iso19365', True), ('ISO-19365', True), ('iso7401_step', False), ('of mine', False)]
+    ('stated', 'judged'),
+    [('fmvss126', True), ('iso19365', True), ('ISO-19365', True), ('iso7401_step', False), ('of mine', False)],
 )
 def test_what_a_maneuver_states_counts_by_every_name_of_its_evaluation(stated: str, judged: bool) -> None:
     """With A = 0.25 rad the 1.5 rad of the steering wheel are 6 A, and responsiveness is judged."""
@@ -304,9 +373,9 @@ def test_what_a_maneuver_states_counts_by_every_name_of_its_evaluation(stated: s
     run = run_of(s.values, np.round(s.t * 1e9))
     found = judging.judge(called('fmvss126')[0], run, 'bag', {}, scene=scene)
     assert ('over_reference' in [f.name for f in found.figures]) == judged
-    assert judging.judge(called('fmvss126')[0], run, 'bag', {'reference': 0.3}, scene=scene)['over_reference'] == pytest.approx(
-        5.0, rel=2e-3
-    )
+    assert judging.judge(called('fmvss126')[0], run, 'bag', {'reference': 0.3}, scene=scene)[
+        'over_reference'
+    ] == pytest.approx(5.0, rel=2e-3)
 
 
 def test_a_scene_that_cannot_be_read_any_more_is_told_and_its_recording_judged() -> None:
@@ -326,7 +395,8 @@ def test_a_figure_without_value_never_passes() -> None:
 
 
 def test_the_notes_of_a_series_are_told_and_the_figures_of_what_is_in_no_series() -> None:
-    """Two sines with dwell, one of them too slow, and a step of the steering wheel; the text had the table of the series alone."""
+    """Two sines with dwell, one of them too slow, and a step of the steering wheel; the text had the table of the
+    series alone."""
     slow = dwelling(side=-1.0)
     slow.values['speed'][:] = 60.0 / 3.6
     known = sine_with_dwell.SineWithDwell
@@ -339,7 +409,10 @@ def test_the_notes_of_a_series_are_told_and_the_figures_of_what_is_in_no_series(
     assert 'note (2 of 2 runs): responsiveness is not judged' in text
     assert 'note (second): steered at 60 km/h; the norm wants 80 km/h, to 2 km/h' in text
     assert 'yaw rate, response time (90 %)' in text
-    close = [dataclasses.replace(r, notes=(f'steered at {speed} km/h',)) for r, speed in zip(runs_, (74.7, 7.5e1), strict=True)]
+    close = [
+        dataclasses.replace(r, notes=(f'steered at {speed} km/h',))
+        for r, speed in zip(runs_, (74.7, 7.5e1), strict=True)
+    ]
     assert 'note (2 of 2 runs, this of first): steered at 74.7 km/h' in report(close, html=None, strict=False).text
     many = [dataclasses.replace(runs_[0], notes=('note ' + 'x' * k,)) for k in range(11)]
     text = report(many, html=None, strict=False).text

@@ -32,7 +32,9 @@ def test_every_kind_is_listed_and_each_name_has_a_line(capsys: pytest.CaptureFix
     assert main(['list']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert 'scenes: mbd run NAME' in lines
-    assert next(line for line in lines if line.startswith('  car_step_steer ')).endswith('Full car, step steer (ISO 7401)')
+    assert next(line for line in lines if line.startswith('  car_step_steer ')).endswith(
+        'Full car, step steer (ISO 7401)'
+    )
 
 
 def test_kinds_are_arguments(capsys: pytest.CaptureFixture[str]) -> None:
@@ -80,7 +82,9 @@ def offered(line: str, directory: Path) -> list[str]:
         'COMP_POINT': str(len(line)),
     }
     command = [sys.executable, '-m', 'mbd_sim_ros.commands.main']
-    done = subprocess.run(command, cwd=directory, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        command, cwd=directory, env=environment, capture_output=True, text=True, timeout=60, check=False
+    )
     assert (done.returncode, done.stdout) == (0, '')
     return written.read_text().split('\n')
 

@@ -58,18 +58,50 @@ def test_every_command_has_help_with_an_example(command: str, capsys: pytest.Cap
         (('rnu',), 2, "no command 'rnu'; did you mean 'run'?"),
         (('run',), 2, 'required: SCENE'),
         (('--quiet', 'run', 'four_bar'), 2, 'mbd: --quiet stands before the command; write mbd COMMAND ... --quiet'),
-        (('--set', 'integrator.h=1e-3', 'run', 'four_bar'), 2, 'mbd: --set stands before the command; write mbd COMMAND ... --set'),
-        (('info', 'four_bar', '--resolved', '--urdf', 'x.urdf'), 2, 'argument --urdf: not allowed with argument --resolved'),
+        (
+            ('--set', 'integrator.h=1e-3', 'run', 'four_bar'),
+            2,
+            'mbd: --set stands before the command; write mbd COMMAND ... --set',
+        ),
+        (
+            ('info', 'four_bar', '--resolved', '--urdf', 'x.urdf'),
+            2,
+            'argument --urdf: not allowed with argument --resolved',
+        ),
         (('info', '/dev/null'), 2, "scene '/dev/null': is a pipe or a device, not a file"),
-        (('run', 'four_bar', '--set', 'mechanism=my bar.yaml'), 2, 'in it is written as a whole path, from the first / on'),
-        (('run', 'four_bar', '--set', 'mechanism={<<: my bar.yaml}'), 2, 'in it is written as a whole path, from the first / on'),
-        (('run', 'four_bar', '--set', 'mechanism=chain'), 2, 'must be a mapping of keys; a file is named with its ending, as chain.yaml'),
-        (('run', 'car_step_steer', '--set', 'vehicle=compact_fwd.yaml'), 2, "no such file; did you mean 'vehicles/compact_fwd.yaml'?"),
-        (('run', 'four_bar', '--set', 'mechanism=bar.YAML'), 2, 'the ending of a file that stands here is in small letters: .yaml'),
+        (
+            ('run', 'four_bar', '--set', 'mechanism=my bar.yaml'),
+            2,
+            'in it is written as a whole path, from the first / on',
+        ),
+        (
+            ('run', 'four_bar', '--set', 'mechanism={<<: my bar.yaml}'),
+            2,
+            'in it is written as a whole path, from the first / on',
+        ),
+        (
+            ('run', 'four_bar', '--set', 'mechanism=chain'),
+            2,
+            'must be a mapping of keys; a file is named with its ending, as chain.yaml',
+        ),
+        (
+            ('run', 'car_step_steer', '--set', 'vehicle=compact_fwd.yaml'),
+            2,
+            "no such file; did you mean 'vehicles/compact_fwd.yaml'?",
+        ),
+        (
+            ('run', 'four_bar', '--set', 'mechanism=bar.YAML'),
+            2,
+            'the ending of a file that stands here is in small letters: .yaml',
+        ),
         (('study', 'kandc', '--out', '/dev/null'), 5, '--out /dev/null: File exists; choose another place'),
         (('run', 'four_bar', '--duration', '1e12'), 2, 'duration = 1000000000000.0: must be at most 9e+09'),
         (('replay', '/dev/null'), 5, '/dev/null is a pipe or a device; copy what comes from it into a file'),
-        (('bench', '--suite', 'scalling'), 2, "--suite 'scalling': no such file, here or in config; did you mean 'scaling.yaml'?"),
+        (
+            ('bench', '--suite', 'scalling'),
+            2,
+            "--suite 'scalling': no such file, here or in config; did you mean 'scaling.yaml'?",
+        ),
         (('run', 'four_bar', '--fast'), 2, 'mbd run: unrecognized argument --fast; '),
         (('run', 'fourbar'), 2, "did you mean 'four_bar'?"),
         (
@@ -79,7 +111,11 @@ def test_every_command_has_help_with_an_example(command: str, capsys: pytest.Cap
         ),
         (('run', 'four_bar', '--duration', '-1'), 2, 'duration = -1.0: must be > 0'),
         (('run', 'four_bar', '--duration', 'nan'), 2, 'duration = nan: must be finite'),
-        (('run', 'four_bar', '--set', 'integrator.h=abc'), 2, '--set integrator.h: integrator.h = abc: must be a number'),
+        (
+            ('run', 'four_bar', '--set', 'integrator.h=abc'),
+            2,
+            '--set integrator.h: integrator.h = abc: must be a number',
+        ),
         (('run', 'four_bar', '--maneuver', 'step_stear'), 2, "did you mean 'step_steer'?"),
         (('info', 'nothing_like_it'), 2, 'no such file'),
         (('info', ''), 2, 'scene: its name is empty; allowed: '),
@@ -91,7 +127,9 @@ def test_every_command_has_help_with_an_example(command: str, capsys: pytest.Cap
         (('compare', 'a', 'b', '--rtol', '-1'), 5, '--rtol -1: must be a number that is not negative'),
     ],
 )
-def test_an_error_is_one_sentence_and_a_code(argv: tuple[str, ...], code: int, says: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_error_is_one_sentence_and_a_code(
+    argv: tuple[str, ...], code: int, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     got, out, err = output(capsys, *argv)
     assert (got, out) == (code, '')
     assert err.startswith('mbd')
@@ -104,7 +142,9 @@ def test_an_error_is_one_sentence_and_a_code(argv: tuple[str, ...], code: int, s
     assert says in data['error']
 
 
-def test_an_unforeseen_error_has_no_traceback(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unforeseen_error_has_no_traceback(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(_: object) -> None:
         raise RuntimeError('two\nlines')
 
@@ -135,7 +175,9 @@ def test_a_benchmark_that_could_not_be_written_is_told_before_it_is_measured(
     file = tmp_path / 'x.png'
     file.write_bytes(content or b'')
     monkeypatch.setattr('mbd_sim_ros.lab.benchmarks.suite.run', None)
-    code, out, err = output(capsys, 'bench', '--cases', 'slider_crank', '--out', str(file if content else file / 'x.md'))
+    code, out, err = output(
+        capsys, 'bench', '--cases', 'slider_crank', '--out', str(file if content else file / 'x.md')
+    )
     assert (code, out) == (1, '')
     assert err.count('\n') == 1 and 'x.png' in err
     assert file.read_bytes() == (content or b'')
@@ -144,7 +186,15 @@ def test_a_benchmark_that_could_not_be_written_is_told_before_it_is_measured(
 def test_info_counts_the_slider_crank_of_the_chapter(capsys: pytest.CaptureFixture[str]) -> None:
     code, data = document(capsys, 'info', 'slider_crank')
     assert code == 0
-    wanted = {'status': 'ok', 'bodies': 4, 'joints': 5, 'bushings': 0, 'spring_dampers': 0, 'force_elements': 0, 'tires': 0}
+    wanted = {
+        'status': 'ok',
+        'bodies': 4,
+        'joints': 5,
+        'bushings': 0,
+        'spring_dampers': 0,
+        'force_elements': 0,
+        'tires': 0,
+    }
     assert {k: data[k] for k in wanted} == wanted
     assert (data['constraint_rows'], data['redundant_constraints'], data['dof']) == (26, 3, 1)
     code, out, _ = output(capsys, 'info', 'slider_crank')
@@ -182,7 +232,9 @@ def test_resolved_scene_runs_like_the_scene(capsys: pytest.CaptureFixture[str], 
 
 
 def test_run_reports_and_records(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    code, data = document(capsys, 'run', 'four_bar', *SHORT, '--set', 'integrator.h=0.002', '--out', str(tmp_path / 'r'))
+    code, data = document(
+        capsys, 'run', 'four_bar', *SHORT, '--set', 'integrator.h=0.002', '--out', str(tmp_path / 'r')
+    )
     assert (code, data['status'], data['steps'], data['out']) == (0, 'ok', 100, str(tmp_path / 'r'))
     for key in ('real_time_factor', 'cpu_per_step_us', 'iterations_per_step'):
         assert data[key] > 0.0
@@ -195,7 +247,9 @@ def test_run_reports_and_records(capsys: pytest.CaptureFixture[str], tmp_path: P
 
 
 @pytest.mark.slow
-def test_changes_of_step_and_penalties_are_counted_recorded_and_repeated(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_changes_of_step_and_penalties_are_counted_recorded_and_repeated(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     settings = (
         'mode=tolerance',
         'augmentation=plain',
@@ -225,7 +279,9 @@ def test_a_recording_is_never_overwritten(recording: Path, capsys: pytest.Captur
     assert 'not empty' in data['error']
 
 
-def test_nothing_is_recorded_on_request(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_recorded_on_request(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     code, data = document(capsys, 'run', 'four_bar', *SHORT, '--no-record')
     assert (code, data['out']) == (0, None)
@@ -266,7 +322,9 @@ def test_a_recording_replays_bit_by_bit(recording: Path, capsys: pytest.CaptureF
 
 
 @pytest.mark.slow
-def test_compare_finds_another_step_size_and_draws_it(recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_compare_finds_another_step_size_and_draws_it(
+    recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     assert main(['run', 'four_bar', *SHORT, '--set', 'integrator.h=0.004', '--out', str(tmp_path / 'coarse')]) == 0
     capsys.readouterr()
     pair = (str(tmp_path / 'coarse'), str(recording))
@@ -289,7 +347,9 @@ def test_export_agrees_with_the_recording(recording: Path, capsys: pytest.Captur
     assert header.startswith('time [s],crank/position [rad],')
 
 
-def test_export_tells_of_tables_that_an_older_one_left(recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_export_tells_of_tables_that_an_older_one_left(
+    recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     directory = tmp_path / 'csv'
     assert document(capsys, 'export', str(recording), '--csv', str(directory))[1]['others'] == []
     (directory / 'tire_states.csv').write_text('time [s],front_left/kappa\n')
@@ -315,9 +375,25 @@ def test_recover_saves_a_cut_recording(recording: Path, capsys: pytest.CaptureFi
 @pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_interrupted_run_closes_its_recording(number: signal.Signals, code: int, tmp_path: Path) -> None:
     directory = tmp_path / 'r'
-    command = [sys.executable, '-m', 'mbd_sim_ros.commands.main', 'run', 'four_bar', '--duration', '10000', '--out', str(directory)]
+    command = [
+        sys.executable,
+        '-m',
+        'mbd_sim_ros.commands.main',
+        'run',
+        'four_bar',
+        '--duration',
+        '10000',
+        '--out',
+        str(directory),
+    ]
     child = subprocess.Popen(
-        command, cwd=ROOT, env=dict(os.environ), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        cwd=ROOT,
+        env=dict(os.environ),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
     try:
         deadline = time.monotonic() + 600.0
@@ -375,7 +451,9 @@ def test_the_name_of_a_scene_stays_inside_bags(
     code, data = document(capsys, 'run', 'four_bar', *SHORT, '--set', f'name={json.dumps(name)}')
     assert code == 0
     assert Path(data['out']).parent == Path('bags')
-    assert [p.name for p in tmp_path.iterdir()] == ['here'] and [p.name for p in (tmp_path / 'here').iterdir()] == ['bags']
+    assert [p.name for p in tmp_path.iterdir()] == ['here'] and [p.name for p in (tmp_path / 'here').iterdir()] == [
+        'bags'
+    ]
 
 
 def test_it_says_which_version_it_is(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,5 @@
-"""mbd maneuver: drives with the light car and judges; against linear single-track formulas where these hold; resumable, refusals."""
+"""mbd maneuver: drives with the light car and judges; against linear single-track formulas where these hold; resumable,
+refusals."""
 
 from __future__ import annotations
 
@@ -50,14 +51,21 @@ def known() -> dict[str, float]:
 @pytest.mark.parametrize(
     ('scale', 'settings', 'said'),
     [  # km/h times sqrt(s)
-        (0.1, (), '80 km/h are for passenger cars, on the wheelbase of similar_car that is 25.3 km/h: --set start.speed_kmh=25.3'),
+        (
+            0.1,
+            (),
+            '80 km/h are for passenger cars, on the wheelbase of similar_car that is 25.3 km/h: --set '
+            'start.speed_kmh=25.3',
+        ),
         (2.5, (), '80 km/h are for passenger cars, on the wheelbase of similar_car that is 126 km/h'),
         (0.1, ('start.speed_kmh=30',), '80 km/h are for passenger cars, driven here at 30 km/h, on the wheelbase'),
         (1.0, (), ''),
         (1.0, ('start.speed_kmh=30',), ''),
     ],
 )
-def test_the_speed_that_corresponds_is_told_of_other_sizes(tmp_path: Path, scale: float, settings: tuple[str, ...], said: str) -> None:
+def test_the_speed_that_corresponds_is_told_of_other_sizes(
+    tmp_path: Path, scale: float, settings: tuple[str, ...], said: str
+) -> None:
     driving = Driving(str(similar_car(tmp_path / 'car', scale)), tmp_path / 'out', settings)
     note = driving.speed_note(called('iso7401_step')[0])
     assert note.startswith(said) and bool(note) == bool(said)
@@ -68,15 +76,17 @@ def test_a_small_car_that_is_driven_at_the_speed_of_the_norm_has_a_note_that_say
     out = tmp_path / 'out'
     short = ('--set', 'duration=6', '--set', 'maneuver.steering.value=0.3')
     main(['maneuver', 'iso7401_step', str(similar_car(tmp_path / 'car', 0.1)), '--out', str(out), '--no-error', *short])
-    said = '80 km/h are for passenger cars, on the wheelbase of similar_car that is 25.3 km/h: --set start.speed_kmh=25.3'
+    said = (
+        '80 km/h are for passenger cars, on the wheelbase of similar_car that is 25.3 km/h: --set start.speed_kmh=25.3'
+    )
     assert f'note: {said}' in capsys.readouterr().out
     assert said in (out / 'report.html').read_text() and said in (out / 'report.json').read_text()
 
 
 @pytest.mark.slow
 def test_constant_speed_finds_the_understeer_of_the_figures(known: dict[str, float], tmp_path: Path, capsys) -> None:
-    """Straight lines between 0.5 and 3.5 m/s^2 at 22 m/s. The ramp of the figures is four times as fast (1 %) and counts from where it
-    begins to turn (1.5 %)."""
+    """Straight lines between 0.5 and 3.5 m/s^2 at 22 m/s. The ramp of the figures is four times as fast (1 %) and
+    counts from where it begins to turn (1.5 %)."""
     more = ('--set', 'start.speed=22', '--with', 'low=0.5', '--with', 'high=3.5')
     found = values(driven(capsys, 'iso4138_constant_speed', tmp_path / 'out', *more), 'iso4138_constant_speed')
     assert found['understeer_gradient'] == pytest.approx(known['understeer_gradient'], rel=0.04)
@@ -87,8 +97,8 @@ def test_constant_speed_finds_the_understeer_of_the_figures(known: dict[str, flo
 
 @pytest.mark.slow
 def test_the_three_methods_of_iso_4138_agree(tmp_path: Path, capsys) -> None:
-    """Understeer and roll do not depend on the method as long as the car is nearly linear: understeer within 2 % of the steering that a
-    bend of 100 m takes at 2.5 m/s^2, where the ratio is no more that of the middle to all digits."""
+    """Understeer and roll do not depend on the method as long as the car is nearly linear: understeer within 2 % of the
+    steering that a bend of 100 m takes at 2.5 m/s^2, where the ratio is no more that of the middle to all digits."""
     data = driven(capsys, 'iso4138', tmp_path / 'out', '--with', 'high=2.5')
     found = {r['evaluation'].removeprefix('iso4138_'): values(data, r['evaluation']) for r in data['results']}
     assert list(found) == ['constant_radius', 'constant_steering', 'constant_speed']
@@ -107,7 +117,22 @@ def slow_understeer(tmp_path_factory: pytest.TempPathFactory) -> float:
     """The understeer gradient [rad s^2/m] about 1 m/s^2, a tenth less than up to 3.5 m/s^2."""
     out = tmp_path_factory.mktemp('slow') / 'out'
     more = ('--with', 'low=0.3', '--with', 'high=1.5')
-    assert main(['maneuver', 'iso4138_constant_speed', 'light_car', '--out', str(out), '--json', '--no-error', *FASTER, *more]) == 0
+    assert (
+        main(
+            [
+                'maneuver',
+                'iso4138_constant_speed',
+                'light_car',
+                '--out',
+                str(out),
+                '--json',
+                '--no-error',
+                *FASTER,
+                *more,
+            ]
+        )
+        == 0
+    )
     return values(json.loads((out / 'report.json').read_text()), 'iso4138_constant_speed')['understeer_gradient']
 
 
@@ -115,7 +140,8 @@ def slow_understeer(tmp_path_factory: pytest.TempPathFactory) -> float:
 def test_gains_of_a_small_step_are_those_of_the_linear_single_track(
     known: dict[str, float], slow_understeer: float, tmp_path: Path, capsys
 ) -> None:
-    """Yaw rate per steering wheel v/(i (L + U v^2)), lateral acceleration v times that, at about 1 m/s^2 with the understeer there."""
+    """Yaw rate per steering wheel v/(i (L + U v^2)), lateral acceleration v times that, at about 1 m/s^2 with the
+    understeer there."""
     data = driven(capsys, 'iso7401_step', tmp_path / 'out', '--set', 'maneuver.steering.value=0.12')
     found = values(data, 'iso7401_step')
     v = found['speed']
@@ -129,9 +155,11 @@ def test_gains_of_a_small_step_are_those_of_the_linear_single_track(
 
 
 @pytest.mark.slow
-def test_an_amplitude_is_found_that_gives_the_lateral_acceleration(known: dict[str, float], tmp_path: Path, capsys) -> None:
-    """4 m/s^2, to the curvature of what a straight line takes for the lag of the ramp; the response time of the figures, but for the other
-    form and length of the rise. Driven again it is all there."""
+def test_an_amplitude_is_found_that_gives_the_lateral_acceleration(
+    known: dict[str, float], tmp_path: Path, capsys
+) -> None:
+    """4 m/s^2, to the curvature of what a straight line takes for the lag of the ramp; the response time of the
+    figures, but for the other form and length of the rise. Driven again it is all there."""
     data = driven(capsys, 'iso7401_step', tmp_path / 'out', '--set', 'start.speed_kmh=80')
     found = values(data, 'iso7401_step')
     assert found['lateral_acceleration_response_time'] == pytest.approx(known['response_time'], abs=0.03)
@@ -148,7 +176,9 @@ def test_an_amplitude_is_found_that_gives_the_lateral_acceleration(known: dict[s
     assert third['results'] == data['results']
     assert main(['evaluate', str(place), '--errors', '--json']) == 0  # the recording says what it is
     alone = json.loads(capsys.readouterr().out)
-    errors = {name: f.pop('numerical_error') for name, f in alone['results'][0]['figures'].items() if 'numerical_error' in f}
+    errors = {
+        name: f.pop('numerical_error') for name, f in alone['results'][0]['figures'].items() if 'numerical_error' in f
+    }
     assert alone['results'] == data['results']
     assert main(['replay', str(place), '--set', 'integrator.h=0.0005', '--out', str(tmp_path / 'fine'), '--json']) == 0
     capsys.readouterr()
@@ -161,7 +191,8 @@ def test_an_amplitude_is_found_that_gives_the_lateral_acceleration(known: dict[s
 
 @pytest.mark.slow
 def test_sine_with_dwell_knows_its_reference_angle(tmp_path: Path, capsys) -> None:
-    """Two amplitudes of the series to both sides: A is that of 0.3 g, the car is symmetric, and small amplitudes are stable."""
+    """Two amplitudes of the series to both sides: A is that of 0.3 g, the car is symmetric, and small amplitudes are
+    stable."""
     from mbd_sim_ros.analysis.evaluation import sine_with_dwell
 
     short = sine_with_dwell.SINE_WITH_DWELL.drive
@@ -210,19 +241,25 @@ def test_the_other_maneuvers_are_driven_and_judged(name: str, tmp_path: Path, ca
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    'name', ['iso13674_weave', *(pytest.param(n, marks=pytest.mark.long) for n in ('iso21994', 'iso14512', 'iso3888_2'))]
+    'name',
+    ['iso13674_weave', *(pytest.param(n, marks=pytest.mark.long) for n in ('iso21994', 'iso14512', 'iso3888_2'))],
 )
 def test_a_formula_car_is_driven_by_what_suits_it(name: str, tmp_path: Path, capsys) -> None:
-    """A steering eight times as sensitive as that of a saloon: the ramp before is slow enough to find the angle for 2 m/s^2, the brakes are
-    those for its mass, and the hardest with which its wheels just roll, the driver finds his way through the cones."""
-    assert main(['maneuver', name, 'formula_student', '--out', str(tmp_path / name), '--json', '--no-error', *FAST]) == 0
+    """A steering eight times as sensitive as that of a saloon: the ramp before is slow enough to find the angle for 2
+    m/s^2, the brakes are those for its mass, and the hardest with which its wheels just roll, the driver finds his way
+    through the cones."""
+    assert (
+        main(['maneuver', name, 'formula_student', '--out', str(tmp_path / name), '--json', '--no-error', *FAST]) == 0
+    )
     found = values(json.loads(capsys.readouterr().out), name)
     if name == 'iso13674_weave':
         assert found['lateral_acceleration'] == pytest.approx(2.0, rel=0.05)
     elif name == 'iso21994':
         assert found['mfdd'] > 13.0
     elif name == 'iso14512':
-        assert found['mean_deceleration'] == pytest.approx(2.85, rel=0.2) and found['yaw_angle_largest'] < math.radians(5.0)
+        assert found['mean_deceleration'] == pytest.approx(2.85, rel=0.2) and found['yaw_angle_largest'] < math.radians(
+            5.0
+        )
     else:
         assert min(value for key, value in found.items() if key.startswith('clearance')) >= 0.0
 
@@ -261,7 +298,9 @@ def test_without_a_name_the_maneuvers_are_listed(capsys: pytest.CaptureFixture[s
         (['iso4138', 'light_car', '--with', 'lowest=1'], "no parameter 'lowest'"),
     ],
 )
-def test_refusals_are_one_sentence(arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_refusals_are_one_sentence(
+    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     assert main(['maneuver', *arguments, '--out', str(tmp_path / 'out')]) != 0
     captured = capsys.readouterr()
     assert captured.out == ''
@@ -271,7 +310,9 @@ def test_refusals_are_one_sentence(arguments: list[str], sentence: str, capsys: 
 
 
 @pytest.mark.parametrize('refused', [['iso4138_constant_radius'], ['iso4138_constant_speed']])
-def test_a_method_that_is_refused_leaves_the_report_of_the_others(refused: list[str], tmp_path: Path, monkeypatch, capsys) -> None:
+def test_a_method_that_is_refused_leaves_the_report_of_the_others(
+    refused: list[str], tmp_path: Path, monkeypatch, capsys
+) -> None:
     """On a slippery road a car may turn on a circle and not reach the acceleration at the speed of another method."""
 
     def drive(self: Driving, evaluation: Evaluation) -> tuple[list[Path], dict[str, float]]:
@@ -301,7 +342,9 @@ def test_a_method_that_is_refused_leaves_the_report_of_the_others(refused: list[
 
 def test_every_maneuver_states_its_evaluation() -> None:
     for e in EVALUATIONS:
-        maneuver = load_maneuver(find_file(e.drive.maneuver, 'maneuvers'), ['driver.wheelbase=2.7'] if e.drive.driver else [])
+        maneuver = load_maneuver(
+            find_file(e.drive.maneuver, 'maneuvers'), ['driver.wheelbase=2.7'] if e.drive.driver else []
+        )
         assert called(maneuver.evaluation) == (e,)
         assert maneuver.speed is not None
 
@@ -309,7 +352,9 @@ def test_every_maneuver_states_its_evaluation() -> None:
 @pytest.mark.slow
 def test_a_car_that_cannot_reach_the_acceleration_is_told(tmp_path: Path) -> None:
     driving = Driving('light_car', tmp_path, ['road.friction=0.3', 'integrator.h=0.004'])
-    with pytest.raises(SpecError, match=r'does not reach a lateral acceleration of 4 m/s\^2 at this speed on a road of friction 0\.3'):
+    with pytest.raises(
+        SpecError, match=r'does not reach a lateral acceleration of 4 m/s\^2 at this speed on a road of friction 0\.3'
+    ):
         driving.drive(called('iso7401_step')[0])
     runs = list(tmp_path.iterdir())
     assert len(runs) == 3  # ramps of growing length, until the car does no more

@@ -1,4 +1,5 @@
-"""A Python module that is not installed, or does not load, is one sentence with module and remedy, and exit code 2, for `mbd` and nodes."""
+"""A Python module that is not installed, or does not load, is one sentence with module and remedy, and exit code 2, for
+`mbd` and nodes."""
 
 from __future__ import annotations
 
@@ -22,9 +23,20 @@ NODE = ('-m', 'mbd_sim_ros.node.main', '--ros-args', '-p', 'scene:=pendulum')
 def run(command: tuple[str, ...], directory: Path, name: str, text: str = ABSENT) -> subprocess.CompletedProcess[str]:
     """A command whose module `name` is what `text` says."""
     (directory / f'{name}.py').write_text(text.format(name=name))
-    environment = {**os.environ, 'PYTHONPATH': f'{directory}:{ROOT}', 'ROS_DOMAIN_ID': '59', 'ROS_LOG_DIR': str(directory / 'log')}
+    environment = {
+        **os.environ,
+        'PYTHONPATH': f'{directory}:{ROOT}',
+        'ROS_DOMAIN_ID': '59',
+        'ROS_LOG_DIR': str(directory / 'log'),
+    }
     return subprocess.run(
-        [sys.executable, *command], cwd=directory, env=environment, capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, *command],
+        cwd=directory,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
 
 
@@ -35,7 +47,8 @@ def test_a_module_that_is_missing_ends_a_command_in_one_sentence(name: str, tmp_
     package = {'yaml': 'pyyaml'}.get(name, name)
     assert (done.returncode, done.stdout) == (2, '')
     assert re.fullmatch(
-        f'mbd: the Python module {name} is missing: python -m pip install {package}, or, .*rosdep install .*\n', done.stderr
+        f'mbd: the Python module {name} is missing: python -m pip install {package}, or, .*rosdep install .*\n',
+        done.stderr,
     )
 
 
@@ -54,11 +67,14 @@ def test_a_module_that_is_missing_ends_a_node_in_one_sentence(name: str, tmp_pat
 
 @pytest.mark.slow
 def test_versions_that_do_not_go_together_are_said_in_the_words_of_the_package(tmp_path: Path) -> None:
-    done = run((*MBD, '--json'), tmp_path, 'numba', "raise ImportError('Numba needs NumPy 1.26 or less. Got NumPy 2.4.')")
+    done = run(
+        (*MBD, '--json'), tmp_path, 'numba', "raise ImportError('Numba needs NumPy 1.26 or less. Got NumPy 2.4.')"
+    )
     error = json.loads(done.stdout)['error']
     assert done.returncode == 2
     assert error.startswith(
-        'a Python package does not load (Numba needs NumPy 1.26 or less. Got NumPy 2.4): python -m pip install --upgrade'
+        'a Python package does not load (Numba needs NumPy 1.26 or less. Got NumPy 2.4): python -m pip install '
+        '--upgrade'
     )
 
 

@@ -1,4 +1,5 @@
-"""A channel or a topic that is not in the recording: one sentence with the nearest names, whichever command is asked."""
+"""A channel or a topic that is not in the recording: one sentence with the nearest names, whichever command is
+asked."""
 
 from __future__ import annotations
 
@@ -60,7 +61,9 @@ def test_a_topic_that_is_not_read_says_why_and_is_not_taken_for_a_wrong_name(the
 
 def test_our_side_of_a_mapping_is_checked_too(tmp_path, capsys):
     mapping = tmp_path / 'map.yaml'
-    mapping.write_text(yaml.safe_dump({'channels': {'imu/wzz': {'channel': 'imu/wz'}, 'imu/ax': {'channel': 'imu/ax'}}}))
+    mapping.write_text(
+        yaml.safe_dump({'channels': {'imu/wzz': {'channel': 'imu/wz'}, 'imu/ax': {'channel': 'imu/ax'}}})
+    )
     assert main(['compare', OURS, OURS, '--mapping', str(mapping)]) == 1
     assert f"mapping: {OURS} has no channel 'imu/wzz'; did you mean 'imu/wz'?" in capsys.readouterr().out
     mapping.write_text(yaml.safe_dump({'channels': {'imu/wzz': {'channel': 'imu/wz'}}}))

@@ -29,7 +29,9 @@ def document(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, dict]
 @pytest.mark.long
 @pytest.mark.slow
 def test_a_plan_is_written_and_fidelity_auto_takes_it(capsys, tmp_path: Path) -> None:
-    code, refused = document(capsys, 'run', *SCENE, '--set', 'require={yaw_rate: {rms: 1.9 %}}', '--set', 'fidelity=auto', '--no-record')
+    code, refused = document(
+        capsys, 'run', *SCENE, '--set', 'require={yaw_rate: {rms: 1.9 %}}', '--set', 'fidelity=auto', '--no-record'
+    )
     assert (code, refused['status']) == (2, 'error')
     assert 'make one with mbd plan' in refused['error']
     code, data = document(capsys, 'plan', *SCENE, *LIMIT, '--out', str(tmp_path), '--unseen', '2', '--workers', '1')
@@ -52,7 +54,9 @@ def test_a_plan_is_written_and_fidelity_auto_takes_it(capsys, tmp_path: Path) ->
     assert (again['steps'], again['accuracy']) == (found['steps'], found['accuracy'])
     code, coarse = document(capsys, 'run', *SCENE, *LIMIT, '--no-record')
     assert coarse['accuracy']['certificate'] is None
-    code, other = document(capsys, 'run', *SCENE, *LIMIT, '--set', 'start.speed=21', '--set', 'fidelity=auto', '--no-record')
+    code, other = document(
+        capsys, 'run', *SCENE, *LIMIT, '--set', 'start.speed=21', '--set', 'fidelity=auto', '--no-record'
+    )
     assert (code, other['status']) == (2, 'error')
 
 
@@ -99,9 +103,11 @@ def test_time_ends_a_plan_with_what_is_known(capsys, tmp_path: Path, own_cache: 
     assert (data['unseen']['passed'], data['errors']) == (0, {})
 
 
-def test_an_interrupt_ends_a_plan_with_what_is_known(capsys, tmp_path: Path, own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C behind the coarse twin: its answer is told as what it is, with the code of an interrupted command, and the same command
-    goes on from the runs that were made."""
+def test_an_interrupt_ends_a_plan_with_what_is_known(
+    capsys, tmp_path: Path, own_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C behind the coarse twin: its answer is told as what it is, with the code of an interrupted command, and the
+    same command goes on from the runs that were made."""
     plain = Search.find_reference
 
     def struck(search: Search) -> bool:
@@ -124,7 +130,9 @@ def test_an_interrupt_ends_a_plan_with_what_is_known(capsys, tmp_path: Path, own
     assert {'cpu', 'full_run', 'full_runs', 'pays_from'} <= set(data['price'])
 
 
-def test_first_answers_are_lines_before_the_end_and_the_price_stands_in_the_result(capsys, tmp_path: Path, own_cache: Path) -> None:
+def test_first_answers_are_lines_before_the_end_and_the_price_stands_in_the_result(
+    capsys, tmp_path: Path, own_cache: Path
+) -> None:
     assert main(['plan', *GUIDED, '--out', str(tmp_path / 'out'), '--workers', '1', '--unseen', '2']) == 0
     out, err = capsys.readouterr()
     lines = [line for line in err.splitlines() if line.startswith('after ')]
@@ -134,16 +142,29 @@ def test_first_answers_are_lines_before_the_end_and_the_price_stands_in_the_resu
     assert 'times the full run' in out and 'first answer' in out
 
 
-def test_a_plan_that_had_no_time_leaves_a_certified_one_in_its_place(capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_plan_that_had_no_time_leaves_a_certified_one_in_its_place(
+    capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv('MBD_CACHE_DIR', str(tmp_path / 'cache'))
     scene = load_scene('pendulum', ['require={joint_states/pivot/position: {rms: 2 %}}'])
     certified = {'status': 'ok', 'hash': 'of the certified one'}
     assert keep(scene, certified)
     unseen = {'passed': 0, 'failed': 0, 'bound': None, 'largest': None}
-    found = {'status': 'incomplete', 'settings': None, 'unseen': unseen, 'give': [], 'levels': {}, 'errors': {}, 'units': {}, 'took': 1.0}
+    found = {
+        'status': 'incomplete',
+        'settings': None,
+        'unseen': unseen,
+        'give': [],
+        'levels': {},
+        'errors': {},
+        'units': {},
+        'took': 1.0,
+    }
     monkeypatch.setattr(certificate, 'plan', lambda search: {**found, 'notes': []})
     monkeypatch.setattr(plan_page, 'write_page', lambda search, data, file: None)
-    code, data = document(capsys, 'plan', 'pendulum', '--set', 'require={joint_states/pivot/position: {rms: 2 %}}', '--out', str(tmp_path))
+    code, data = document(
+        capsys, 'plan', 'pendulum', '--set', 'require={joint_states/pivot/position: {rms: 2 %}}', '--out', str(tmp_path)
+    )
     assert code == 1
     assert any('certified plan of this scene' in note for note in data['notes'])
     assert plan_of(scene) == certified

@@ -29,7 +29,12 @@ def test_only_the_object_is_on_stdout_whatever_a_library_prints(tmp_path: Path) 
         'sys.exit(cli.main(sys.argv[1:]))\n'
     )
     done = subprocess.run(
-        [sys.executable, '-c', script, 'info', 'pendulum', '--json'], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, '-c', script, 'info', 'pendulum', '--json'],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
     assert (done.returncode, json.loads(done.stdout)) == (0, {'status': 'ok'})
     for text in ('from python', 'to the descriptor', 'from c'):
@@ -67,10 +72,13 @@ def test_blas_has_one_thread_unless_the_user_says_otherwise(given: dict[str, str
     script = (
         'import sys; sys.argv[0] = "mbd"\n'
         'import mbd_sim_ros.commands.main, numpy, ctypes, glob, os\n'
-        'libraries = {line.split()[-1] for line in open("/proc/self/maps") if "scipy_openblas" in line and "numpy" in line}\n'
+        'libraries = {line.split()[-1] for line in open("/proc/self/maps") if "scipy_openblas" in line and "numpy" in '
+        'line}\n'
         'library = ctypes.CDLL(min(libraries))\n'
         'print(library.scipy_openblas_get_num_threads64_())\n'
     )
-    environment = {k: v for k, v in os.environ.items() if k != 'OPENBLAS_NUM_THREADS'} | {'PYTHONPATH': str(ROOT)} | given
+    environment = (
+        {k: v for k, v in os.environ.items() if k != 'OPENBLAS_NUM_THREADS'} | {'PYTHONPATH': str(ROOT)} | given
+    )
     told = subprocess.run([sys.executable, '-c', script], env=environment, capture_output=True, text=True, check=True)
     assert int(told.stdout) == threads

@@ -1,4 +1,5 @@
-"""Replays: what was recorded comes out again bit for bit, by whomever and from wherever it was recorded; or side by side when changed."""
+"""Replays: what was recorded comes out again bit for bit, by whomever and from wherever it was recorded; or side by
+side when changed."""
 
 from __future__ import annotations
 
@@ -57,7 +58,9 @@ def test_a_recording_holds_the_inputs_of_every_step_and_replays(every, tmp_path,
     assert len(bag.read(recorded).time_ns) == 1 + -(-200 // every)
     found = inputs_of(content(recorded))
     scene = load_scene('four_bar')
-    expected = ManeuverSource(scene.maneuver, scene.model.inputs, scene.integrator.h_ns, Simulation(scene).engine.stage).table(0, 200)
+    expected = ManeuverSource(
+        scene.maneuver, scene.model.inputs, scene.integrator.h_ns, Simulation(scene).engine.stage
+    ).table(0, 200)
     for column, name in enumerate(scene.model.inputs):
         np.testing.assert_array_equal(found.rows[name], expected[:, column])
     code, data = document(capsys, 'replay', recorded, '--out', tmp_path / 'again')
@@ -142,13 +145,17 @@ def test_a_mechanism_without_inputs_is_replayed_with_other_settings(tmp_path, ca
         assert (code, data['status'], data['steps']) == (0, 'compared', steps * round(0.1 / h))
     for setting in ('duration=1', 'maneuver={}', 'maneuver.steering.value=1'):
         code, data = document(capsys, 'replay', recorded, '--set', setting)
-        assert code == 2 and data['error'].startswith(f'--set {setting}: a replay keeps the inputs and the duration of its recording')
+        assert code == 2 and data['error'].startswith(
+            f'--set {setting}: a replay keeps the inputs and the duration of its recording'
+        )
 
 
 def test_a_replay_that_is_suspect_is_told(tmp_path, capsys):
     recorded = run(tmp_path / 'r', 'pendulum', duration=1.0)
     code, data = document(capsys, 'replay', recorded, '--set', 'integrator.h=0.1')
-    assert code == 0 and [*data['doubts']] == ['replay'] and data['doubts']['replay'][0].startswith('the run is suspect: ')
+    assert (
+        code == 0 and [*data['doubts']] == ['replay'] and data['doubts']['replay'][0].startswith('the run is suspect: ')
+    )
     assert main(['replay', str(recorded), '--set', 'integrator.h=0.1']) == 0
     assert capsys.readouterr().out.startswith('replay: the run is suspect: ')
 
@@ -190,7 +197,9 @@ def test_a_recording_is_a_maneuver(tmp_path, capsys):
     recorded = run(tmp_path / 'r', CAR, 'record.every=5', duration=0.5)
     again = run(tmp_path / 'again', CAR, 'record.every=5', f'maneuver={{bag: {recorded}}}', duration=0.5)
     assert content(again).outputs == content(recorded).outputs
-    code, data = document(capsys, 'run', CAR, '--no-record', '--set', f'maneuver={{bag: {recorded}}}', '--duration', '0.6')
+    code, data = document(
+        capsys, 'run', CAR, '--no-record', '--set', f'maneuver={{bag: {recorded}}}', '--duration', '0.6'
+    )
     assert code == 2 and 'ends at 0.5 s; set duration to that or less' in data['error']
     code, data = document(capsys, 'run', CAR, '--no-record', '--set', 'maneuver={bag: nowhere}')
     assert code == 5 and 'nowhere is not there' in data['error']
@@ -224,10 +233,27 @@ def test_a_replay_does_not_need_the_recording_that_drove_it(tmp_path, capsys):
 def test_the_full_car_driven_over_topics_replays_to_the_same_bits(seconds: int, tmp_path, capsys):
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     # paced: as fast as it can a node may be at the end before the player has found it
-    process = node(tmp_path, scene='car_swept_steer', mode='realtime', duration=float(seconds), record=True, out='run', frame_prefix='car/')
+    process = node(
+        tmp_path,
+        scene='car_swept_steer',
+        mode='realtime',
+        duration=float(seconds),
+        record=True,
+        out='run',
+        frame_prefix='car/',
+    )
     player = Process(
         tmp_path,
-        [sys.executable, '-m', 'mbd_sim_ros.node.maneuver_player', '--ros-args', '-p', 'scene:=car_swept_steer', '-p', 'timeout:=1200.0'],
+        [
+            sys.executable,
+            '-m',
+            'mbd_sim_ros.node.maneuver_player',
+            '--ros-args',
+            '-p',
+            'scene:=car_swept_steer',
+            '-p',
+            'timeout:=1200.0',
+        ],
     )
     try:
         assert process.end(1200.0) == 0, process.output  # the kernels may have to be compiled
@@ -246,7 +272,8 @@ def test_recordings_begun_while_running_and_after_restore_replay_to_the_same_bit
     process = node(tmp_path, scene='car_step_steer', commands='maneuver')
     again = None
     try:
-        client.until(lambda: client.applied and client.applied[-1]['step'] > 1050, 1200.0)  # in the step of the steering wheel
+        # in the step of the steering wheel
+        client.until(lambda: client.applied and client.applied[-1]['step'] > 1050, 1200.0)
         begun = client.call('start_recording')
         assert begun.success, begun.message
         saved = client.call('save_state')
@@ -256,7 +283,8 @@ def test_recordings_begun_while_running_and_after_restore_replay_to_the_same_bit
         assert stopped.success, stopped.message
         process.process.terminate()
         assert process.end() == 0, process.output
-        last = bag.read(tmp_path / stopped.message).time_ns[-1] * 1e-9  # after the state was saved, however far behind the client is
+        # after the state was saved, however far behind the client is
+        last = bag.read(tmp_path / stopped.message).time_ns[-1] * 1e-9
         again = node(
             tmp_path,
             scene='car_step_steer',
@@ -286,7 +314,8 @@ def test_recordings_begun_while_running_and_after_restore_replay_to_the_same_bit
 
 
 def test_a_recording_that_begins_at_step_0_elsewhere_than_its_scene_is_replayed_from_there(tmp_path, capsys):
-    """Placed at x = 50 m, y = -20 m before its first step. Elsewhere the same settings would be said to differ by all of that."""
+    """Placed at x = 50 m, y = -20 m before its first step. Elsewhere the same settings would be said to differ by all
+    of that."""
     scene = load_scene('light_car_straight', ['record.every=10'])
     placed = Simulation(scene)
     placed.place(50.0, -20.0, 0.5)
@@ -294,7 +323,9 @@ def test_a_recording_that_begins_at_step_0_elsewhere_than_its_scene_is_replayed_
     assert content(tmp_path / 'r').first_step == 0
     code, data = document(capsys, 'replay', tmp_path / 'r')
     assert (code, data['status'], data['steps']) == (0, 'identical', 50)
-    code, data = document(capsys, 'replay', tmp_path / 'r', '--set', f'integrator.iterations={scene.integrator.iterations}')
+    code, data = document(
+        capsys, 'replay', tmp_path / 'r', '--set', f'integrator.iterations={scene.integrator.iterations}'
+    )
     assert code == 0 and max(one['max'] for one in data['channels'].values()) < 1e-15
     for setting, says in (
         ('integrator.h=0.002', 'a saved state, which fits a step of 0.001 s'),
@@ -306,7 +337,8 @@ def test_a_recording_that_begins_at_step_0_elsewhere_than_its_scene_is_replayed_
 
 @pytest.mark.slow
 def test_on_another_target_it_says_that_the_same_bits_cannot_be_expected(tmp_path, capsys):
-    """The recording is made by a process whose C library takes its functions for processors without FMA (glibc's tunable)."""
+    """The recording is made by a process whose C library takes its functions for processors without FMA (glibc's
+    tunable)."""
     if not target()['libc'].startswith('glibc') or target()['fma'] != 'yes':
         pytest.skip('needs glibc on a processor with FMA: only there the functions can be chosen')
     settings = ('light_car_straight', '--duration', '0.2', '--set', 'record.every=1', '--out', str(tmp_path / 'run'))

@@ -1,4 +1,5 @@
-"""What a command says when it fails is one line that fits a screen, whatever was quoted in it, and --json one object to the very end."""
+"""What a command says when it fails is one line that fits a screen, whatever was quoted in it, and --json one object to
+the very end."""
 
 from __future__ import annotations
 
@@ -24,8 +25,12 @@ def test_a_sentence_is_one_line_of_printable_characters() -> None:
     assert one_sentence('Gelenk äußere Kante: 5 °') == 'Gelenk äußere Kante: 5 °'
 
 
-@pytest.mark.parametrize('text', ['"a\\nb": 1\nduration: 1\n', f'{"x" * 5000}: 1\nduration: 1\n', 'mechanism: {kind: "a\\n\\eb"}\n'])
-def test_keys_with_line_breaks_do_not_break_the_sentence(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    'text', ['"a\\nb": 1\nduration: 1\n', f'{"x" * 5000}: 1\nduration: 1\n', 'mechanism: {kind: "a\\n\\eb"}\n']
+)
+def test_keys_with_line_breaks_do_not_break_the_sentence(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / 'scene.yaml').write_text(text)
     for as_json in ([], ['--json']):
         assert main(['info', str(tmp_path / 'scene.yaml'), *as_json]) == 2
@@ -58,14 +63,17 @@ def test_what_a_library_prints_at_the_end_of_the_process_is_not_on_the_output() 
         'sys.argv = ["mbd", "recover", "nowhere", "new", "--json"]\n'
         'runpy.run_module("mbd_sim_ros.commands.main", run_name="__main__")\n'
     )
-    done = subprocess.run([sys.executable, '-c', script], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [sys.executable, '-c', script], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == 5
     assert json.loads(done.stdout)['error'].startswith('nowhere is not there')
     assert 'C says goodbye' in done.stderr and 'Python says goodbye' in done.stderr
 
 
 def test_a_program_ends_without_taking_the_interpreter_apart() -> None:
-    """Behind a second of compiled code that takes longer than the answer to Ctrl-C may. What was registered for the end is done."""
+    """Behind a second of compiled code that takes longer than the answer to Ctrl-C may. What was registered for the end
+    is done."""
     script = (
         'import atexit, os, sys\n'
         'class Last:\n'
@@ -99,7 +107,8 @@ def test_a_current_directory_that_was_removed_is_named(tmp_path: Path, monkeypat
 def test_an_output_that_is_closed_or_full_is_named(
     as_json: list[str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with suppress(OSError), Path('/dev/full').open('w') as full, monkeypatch.context() as patch:  # closing it writes the rest
+    # closing it writes the rest
+    with suppress(OSError), Path('/dev/full').open('w') as full, monkeypatch.context() as patch:
         patch.setattr(sys, 'stdout', full)
         assert main(['maneuver', *as_json]) == 1
     assert capfd.readouterr().err == 'mbd: the output: No space left on device\n'

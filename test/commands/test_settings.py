@@ -43,9 +43,10 @@ def test_what_another_setting_would_replace_is_refused(command: list[str], capsy
     assert main([*command, '--json', *(word for one in settings for word in ('--set', one))]) == 2
     told = json.loads(capsys.readouterr().out)['error']
     assert (
-        '--set maneuver.steering: has no effect, because --set maneuver comes later and replaces all of maneuver; give --set maneuver first'
-        in told
-    )
+        '--set maneuver.steering: has no effect, because --set maneuver comes later and replaces all of maneuver; '
+        'give '
+        '--set maneuver first'
+    ) in told
 
 
 def test_options_for_keys_of_a_scene_are_overrides_before_those_of_set() -> None:
@@ -56,7 +57,9 @@ def test_options_for_keys_of_a_scene_are_overrides_before_those_of_set() -> None
     assert overrides_of(parser().parse_args(['replay', 'bag', '--fidelity', 'kc'])) == ['fidelity=kc']
 
 
-@pytest.mark.parametrize(('option', 'value'), [('maneuver', 'step_steer'), ('duration', '3'), ('vehicle', 'light_car'), ('fidelity', 'kc')])
+@pytest.mark.parametrize(
+    ('option', 'value'), [('maneuver', 'step_steer'), ('duration', '3'), ('vehicle', 'light_car'), ('fidelity', 'kc')]
+)
 def test_what_is_given_twice_is_refused(option: str, value: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['run', 'light_car_straight', f'--{option}', value, '--set', f'{option}=x']) == 2
     assert f'--set {option}=x: --{option} is given too; keep one of them' in capsys.readouterr().err
@@ -82,16 +85,39 @@ def parted(*settings: str, of: str = 'iso4138') -> tuple[list[str], dict[str, fl
 
 def test_one_option_sets_the_scene_and_the_evaluation() -> None:
     """mbd maneuver: --set had the scene and --with the evaluation, whose --set was that of mbd evaluate."""
-    scene = ['integrator.h=0.002', 'start.speed=22', 'duration=3', 'duration_ms=3000', 'vehicle.chassis.mass=1500', 'maneuver={}']
+    scene = [
+        'integrator.h=0.002',
+        'start.speed=22',
+        'duration=3',
+        'duration_ms=3000',
+        'vehicle.chassis.mass=1500',
+        'maneuver={}',
+    ]
     assert parted(*scene, 'low=0.5', ' high = 3.5') == (scene, {'low': 0.5, 'high': 3.5})
-    command = ['maneuver', 'iso4138', 'light_car', '--with', 'low=0.5', '--set', 'integrator.h=0.002', '--with', 'low=0.6']
-    assert judging.divided(parser().parse_args(command).overrides, judging.called('iso4138')) == (['integrator.h=0.002'], {'low': 0.6})
+    command = [
+        'maneuver',
+        'iso4138',
+        'light_car',
+        '--with',
+        'low=0.5',
+        '--set',
+        'integrator.h=0.002',
+        '--with',
+        'low=0.6',
+    ]
+    assert judging.divided(parser().parse_args(command).overrides, judging.called('iso4138')) == (
+        ['integrator.h=0.002'],
+        {'low': 0.6},
+    )
     for option in ('--set', '--with'):
-        assert judging.assignments(parser().parse_args(['evaluate', 'bag', option, 'settled=2.5']).overrides) == {'settled': 2.5}
+        assert judging.assignments(parser().parse_args(['evaluate', 'bag', option, 'settled=2.5']).overrides) == {
+            'settled': 2.5
+        }
 
 
 def test_a_parameter_with_the_name_of_a_key_of_scenes_is_told_by_its_number() -> None:
-    """start: a place [m] for lane changes, a mapping in a scene. There is no other, and no such key of a scene takes a number."""
+    """start: a place [m] for lane changes, a mapping in a scene. There is no other, and no such key of a scene takes a
+    number."""
     assert parted('start=60', 'start.speed=22', of='iso3888_1') == (['start.speed=22'], {'start': 60.0})
     assert parted('start.speed=22', 'start=60', of='iso3888_1') == (['start.speed=22'], {'start': 60.0})
     assert parted('start={speed: 22}', of='iso3888_1') == (['start={speed: 22}'], {})
@@ -107,7 +133,10 @@ def test_a_parameter_with_the_name_of_a_key_of_scenes_is_told_by_its_number() ->
         (['maneuver', 'iso4138', 'light_car', '--set', 'hihg=1'], "no parameter 'hihg'; did you mean 'high'?"),
         (['maneuver', 'iso4138', 'light_car', '--set', 'low=fast'], "--set 'low=fast': write it as KEY=NUMBER"),
         (['maneuver', 'iso4138', 'light_car', '--set', 'sed=1'], "did you mean 'seed'?"),
-        (['evaluate', 'none', '--set', 'integrator.h=0.001'], 'mbd replay BAG --set integrator.h=0.001 simulates it again'),
+        (
+            ['evaluate', 'none', '--set', 'integrator.h=0.001'],
+            'mbd replay BAG --set integrator.h=0.001 simulates it again',
+        ),
         (['evaluate', 'none', '--with', 'settled'], "--set 'settled': write it as KEY=NUMBER"),
     ],
 )

@@ -91,7 +91,8 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str], scene: str, *overrid
         pytest.param(SARRUS, ['integrator.h=0.02'], ['integrator.h=0.004'], id='sarrus'),
         pytest.param(STOP, ['integrator.h=0.005'], ['integrator.h=0.0005'], id='stop'),
         pytest.param(DISTANCE, ['integrator.h=0.005'], ['integrator.h=0.001'], id='distance'),
-        pytest.param(DISTANCE, ['integrator={h: 0.01, mode: tolerance, penalty_policy: adaptive}'], ['integrator.h=0.001'], id='adaptive'),
+        pytest.param(DISTANCE, ['integrator={h: 0.01, mode: tolerance, penalty_policy: '
+            'adaptive}'], ['integrator.h=0.001'], id='adaptive'),
     ],
 )  # fmt: skip
 def test_energy_from_nowhere_is_suspect_and_a_smaller_step_is_not(tmp_path, capsys, scene, bad, good) -> None:
@@ -107,8 +108,11 @@ def test_energy_from_nowhere_is_suspect_and_a_smaller_step_is_not(tmp_path, caps
 
 
 @pytest.mark.parametrize(('steps_per_period', 'status'), [(200, 'ok'), (4, 'suspect')])
-def test_the_limit_of_energy_is_that_of_a_resolved_oscillation(tmp_path, capsys, steps_per_period: int, status: str) -> None:
-    """Ten periods of 10 Hz without damping: what the damping of the default rho_inf takes away is missing in the account."""
+def test_the_limit_of_energy_is_that_of_a_resolved_oscillation(
+    tmp_path, capsys, steps_per_period: int, status: str
+) -> None:
+    """Ten periods of 10 Hz without damping: what the damping of the default rho_inf takes away is missing in the
+    account."""
     h = round(0.1 / steps_per_period, 9)
     _, data = run(tmp_path, capsys, OSCILLATOR, f'integrator.h={h}')
     assert data['status'] == status
@@ -116,7 +120,10 @@ def test_the_limit_of_energy_is_that_of_a_resolved_oscillation(tmp_path, capsys,
 
 def test_a_body_that_turns_too_far_in_a_step_is_named(tmp_path, capsys) -> None:
     """A free rotor whose axis goes round; one that turns about an axis that stays turns as far as it likes."""
-    body = 'mechanism:\n  bodies: {{rotor: {{mass: 1, inertia: [10, 10, 1], angular_velocity: [{x}, 0, 1200]}}}}\nduration: 0.5\n'
+    body = (
+        'mechanism:\n  bodies: {{rotor: {{mass: 1, inertia: [10, 10, 1], angular_velocity: [{x}, 0, '
+        '1200]}}}}\nduration: 0.5\n'
+    )
     code, data = run(tmp_path, capsys, body.format(x=50))
     found = {f['quantity']: f for f in data['findings'] + data['explaining']}['turn_per_step']
     assert (code, found['where']) == (1, "body 'rotor'")
@@ -130,9 +137,11 @@ def test_a_body_that_turns_too_far_in_a_step_is_named(tmp_path, capsys) -> None:
 
 @pytest.mark.parametrize(('speed', 'turned'), [(28.0, 2.8), (31.0, 3.1), (60.0, math.pi)])
 def test_a_bushing_that_turns_by_pi_is_named(tmp_path, capsys, speed: float, turned: float) -> None:
-    """10 rad/s of a rotor on a torsional stiffness: it swings by a tenth of its first speed, or leaps over where the torque jumps."""
+    """10 rad/s of a rotor on a torsional stiffness: it swings by a tenth of its first speed, or leaps over where the
+    torque jumps."""
     body = (
-        f'mechanism:\n  gravity: [0, 0, 0]\n  bodies: {{rotor: {{mass: 1, inertia: [1, 1, 1], angular_velocity: [0, 0, {speed}]}}}}\n'
+        f'mechanism:\n  gravity: [0, 0, 0]\n  bodies: {{rotor: {{mass: 1, inertia: [1, 1, 1], angular_velocity: [0, 0, '
+        f'{speed}]}}}}\n'
         '  bushings: {mount: {i: world, j: rotor, stiffness: [1e4, 1e4, 1e4, 100, 100, 100]}}\nduration: 0.4\n'
     )
     code, data = run(tmp_path, capsys, body)
@@ -152,14 +161,16 @@ def test_steps_that_do_not_settle_are_named_with_the_body(tmp_path, capsys) -> N
 
 
 def test_an_output_that_is_not_finite_ends_a_run_that_nobody_records_too(tmp_path, capsys) -> None:
-    """6e154 N give 1 kg 6e154 m/s in a second, and each force of 3e154 N a power beyond 1.8e308 W after 0.1 s; such a run was ok."""
+    """6e154 N give 1 kg 6e154 m/s in a second, and each force of 3e154 N a power beyond 1.8e308 W after 0.1 s; such a
+    run was ok."""
     code, data = run(tmp_path, capsys, PUSHED, 'duration=0.2')
     assert (code, data['status']) == (4, 'error')
     assert "output 'one/dissipation' is not finite at t = 0.1" in data['error']
 
 
 def test_energies_beyond_what_numbers_hold_are_told(tmp_path, capsys) -> None:
-    """Until 0.08 s every output is finite, but from 0.025 s on not the power of both times two; no limit held for their sum: it was ok."""
+    """Until 0.08 s every output is finite, but from 0.025 s on not the power of both times two; no limit held for their
+    sum: it was ok."""
     code, data = run(tmp_path, capsys, PUSHED)
     assert (code, data['status']) == (1, 'suspect')
     assert [finding['quantity'] for finding in data['findings']] == ['not_finite']
@@ -175,7 +186,9 @@ def test_a_scene_may_allow_it_or_set_its_own_limit(tmp_path, capsys) -> None:
     assert [f['quantity'] for f in data['findings']] == ['numerical_error']
     assert [f['quantity'] for f in data['explaining']] == ['unsettled', 'resolution', 'phase']
     assert code == 0
-    code, data = run(tmp_path, capsys, STOP, 'integrator.h=0.0005', 'require={residual_max: 1.0e-15, allow_suspect: true}')
+    code, data = run(
+        tmp_path, capsys, STOP, 'integrator.h=0.0005', 'require={residual_max: 1.0e-15, allow_suspect: true}'
+    )
     assert (code, data['status'], data['findings'][0]['required']) == (1, 'suspect', True)
     assert data['violations'][0].startswith('residual_max: ')
 
@@ -187,7 +200,9 @@ def test_the_text_says_verdict_and_reason(tmp_path, capsys) -> None:
     assert code == 1
     assert 'verdict' in text.splitlines()[0]
     assert 'suspect' in text.splitlines()[0]
-    assert any(line.startswith('SUSPECT') and 'The numerical error of position is' in line for line in text.splitlines())
+    assert any(
+        line.startswith('SUSPECT') and 'The numerical error of position is' in line for line in text.splitlines()
+    )
     assert any(line.startswith('because') and 'energy account misses' in line for line in text.splitlines())
 
 
@@ -230,7 +245,8 @@ def test_an_interrupt_while_the_error_is_measured_leaves_the_recording_whole(tmp
 def test_a_start_that_moves_bodies_is_told_by_run_and_info(tmp_path, capsys) -> None:
     path = tmp_path / 'scene.yaml'
     path.write_text(
-        'mechanism:\n  bodies: {bob: {mass: 1, inertia: [0.01, 0.01, 0.01], com: [0, 0, -1]}}\n  joints:\n    pivot: {kind: revolute, '
+        'mechanism:\n  bodies: {bob: {mass: 1, inertia: [0.01, 0.01, 0.01], com: [0, 0, -1]}}\n  joints:\n    pivot: '
+        '{kind: revolute, '
         'i: {body: world, axis: [0, 1, 0]}, j: {body: bob, position: [0.1, 0, 0], axis: [0, 1, 0]}}\n'
         'start: {kind: assemble}\nduration: 0.1\n'
     )
@@ -240,24 +256,33 @@ def test_a_start_that_moves_bodies_is_told_by_run_and_info(tmp_path, capsys) -> 
 
 
 def test_an_edge_under_the_tires_is_told_and_the_profile_of_a_wheel_is_not(tmp_path, capsys) -> None:
-    """A step of 50 mm over 50 mm: hollow by 20 1/m, where a wheel of 0.31 m makes 3.2 1/m of it; loads of 130 kN on a wheel came of it."""
+    """A step of 50 mm over 50 mm: hollow by 20 1/m, where a wheel of 0.31 m makes 3.2 1/m of it; loads of 130 kN on a
+    wheel came of it."""
     car = 'vehicle: vehicles/light_car.yaml\nstart: {kind: equilibrium, speed_kmh: 20}\nduration: 0.01\n'
     grid = '{kind: height_grid, origin: [6, -4], step: [0.05, 8], height: [[0, 0], [0, 0], [0.05, 0.05], [0.05, 0.05]]}'
     edge = f'road: {{contact: point, grids: [{grid}]}}\n'
     code, data = run(tmp_path, capsys, car + edge)
     (found,) = data['findings']
-    assert (code, found['quantity'], found['where']) == (1, 'road_curvature', 'road.grids[0].height[1][0] at x = 6.05 m, y = -4 m')
+    assert (code, found['quantity'], found['where']) == (
+        1,
+        'road_curvature',
+        'road.grids[0].height[1][0] at x = 6.05 m, y = -4 m',
+    )
     assert found['value'] == pytest.approx(20.0)
     assert run(tmp_path, capsys, car + edge.replace('contact: point, ', ''))[0] == 0  # enveloped by itself
     code, data = document(capsys, 'run', 'car_cleat', '--no-record', '--duration', '0.01')
     assert (code, data['findings']) == (0, [])
 
 
-HASTY = [*(f'integrator.{s}' for s in ('mode=tolerance', 'h=0.01', 'max_iterations=3', 'tolerance=1e-4')), 'duration=1.5']
+HASTY = [
+    *(f'integrator.{s}' for s in ('mode=tolerance', 'h=0.01', 'max_iterations=3', 'tolerance=1e-4')),
+    'duration=1.5',
+]
 
 
 def test_a_step_that_fails_is_divided_by_default_and_the_run_says_so(tmp_path, capsys) -> None:
-    """And its recording is replayed with the same steps; the node, whose steps have their time, keeps them constant unless told."""
+    """And its recording is replayed with the same steps; the node, whose steps have their time, keeps them constant
+    unless told."""
     sets = [word for o in HASTY for word in ('--set', o)]
     code, data = document(capsys, 'run', 'spinning_top', *sets, '--set', 'integrator.step_policy=constant', *QUICK)
     assert (code, data['status']) == (4, 'error')
@@ -276,16 +301,19 @@ def test_the_node_keeps_steps_constant_unless_it_is_told(tmp_path, capsys) -> No
     for sets, policy in ([], 'constant'), (['integrator.step_policy=rescue'], 'rescue'):
         scene, _ = prepare('pendulum', sets)
         assert scene.integrator.step_policy == policy
-        assert load_scene_text(scene.resolved).integrator.step_policy == policy  # what a recording of it holds, and replays
+        # what a recording of it holds, and replays
+        assert load_scene_text(scene.resolved).integrator.step_policy == policy
 
 
 def test_a_run_that_fails_leaves_its_last_steps_and_a_state_to_start_again_from(tmp_path, capsys) -> None:
     """Recorded every 50 steps: its last 200 steps are there one by one, and replay from a state behind the start."""
     path = tmp_path / 'scene.yaml'
     path.write_text(
-        'mechanism: mechanisms/four_bar.yaml\nmaneuver: {signals: {motor: {kind: ramp, slope: 2.0, start: 0.1}}}\nduration: 4\n'
+        'mechanism: mechanisms/four_bar.yaml\nmaneuver: {signals: {motor: {kind: ramp, slope: 2.0, start: '
+        '0.1}}}\nduration: 4\n'
     )
-    impossible = ['--set', 'mechanism.couplers.motor.terms={rocker: 1}', '--set', 'record.every=50']  # the rocker cannot turn round
+    # the rocker cannot turn round
+    impossible = ['--set', 'mechanism.couplers.motor.terms={rocker: 1}', '--set', 'record.every=50']
     code, data = document(capsys, 'run', str(path), *impossible, '--out', str(tmp_path / 'r'))
     assert (code, data['status']) == (4, 'error')
     assert 'last_steps' in data['error']
@@ -305,9 +333,17 @@ def test_what_is_made_of_a_suspect_recording_says_so(tmp_path, capsys) -> None:
     path = tmp_path / 'scene.yaml'
     path.write_text(STOP)
     document(capsys, 'run', str(path), '--out', str(tmp_path / 'coarse'), '--set', 'integrator.h=0.005')
-    document(capsys, 'run', str(path), '--out', str(tmp_path / 'good'), '--set', 'integrator.h=0.0005', '--duration', '0.05')
+    document(
+        capsys, 'run', str(path), '--out', str(tmp_path / 'good'), '--set', 'integrator.h=0.0005', '--duration', '0.05'
+    )
     _, text, _ = output(
-        capsys, 'compare', str(tmp_path / 'coarse'), str(tmp_path / 'good'), '--allow-missing', '--html', str(tmp_path / 'p')
+        capsys,
+        'compare',
+        str(tmp_path / 'coarse'),
+        str(tmp_path / 'good'),
+        '--allow-missing',
+        '--html',
+        str(tmp_path / 'p'),
     )
     assert text.startswith('coarse: the run is suspect: ') and 'numerical error of position' in text.splitlines()[0]
     assert 'good: the run' not in text

@@ -1,4 +1,5 @@
-"""The cache of compiled kernels (solver.compiled.cache): what its key depends on, damage, places that cannot be written, many processes."""
+"""The cache of compiled kernels (solver.compiled.cache): what its key depends on, damage, places that cannot be
+written, many processes."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ FOLDER = SOLVER / 'compiled'
 
 
 def test_the_compiler_is_extended_in_its_folder_alone() -> None:
-    """No name leads from a kernel to the code that adds two duals, so the key has those files whole. Intrinsics are called by name."""
+    """No name leads from a kernel to the code that adds two duals, so the key has those files whole. Intrinsics are
+    called by name."""
     for path in sorted([*SOLVER.rglob('*.py'), *(SOLVER.parent / 'mbd_sim_ros').rglob('*.py')]):
         text = path.read_bytes()
         if path.parent == FOLDER or b'numba' not in text:
@@ -49,7 +51,9 @@ def key(folder: Path) -> str:
 
 
 @pytest.mark.slow
-def test_the_key_of_the_compiler_knows_code_files_and_settings_and_no_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_key_of_the_compiler_knows_code_files_and_settings_and_no_places(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = Path(shutil.copytree(FOLDER, tmp_path / 'compiled', ignore=shutil.ignore_patterns('__pycache__')))
     reference = key(folder)
     assert reference == key(FOLDER)
@@ -69,7 +73,11 @@ def test_the_key_of_the_compiler_knows_code_files_and_settings_and_no_places(tmp
     assert key(folder) != reference
     (folder / 'more.py').unlink()
     assert key(folder) == reference
-    for module, name, value in ((numba.config, 'BOUNDSCHECK', 1), (numba, '__version__', '0.1'), (np, '__version__', '0.1')):
+    for module, name, value in (
+        (numba.config, 'BOUNDSCHECK', 1),
+        (numba, '__version__', '0.1'),
+        (np, '__version__', '0.1'),
+    ):
         with monkeypatch.context() as patch:
             patch.setattr(module, name, value)
             assert key(folder) != reference
@@ -110,7 +118,11 @@ def filled(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert (first['values'], first['compiled'], first['err']) == (VALUES, 3, '')
     assert (second['values'], second['compiled'], second['err']) == (VALUES, 0, '')
     found = Path(first['cache'])
-    assert sorted(p.name.partition('-')[0] for p in found.iterdir()) == ['elements.toy.square', 'elements.toy.total', 'elements.toy.twice']
+    assert sorted(p.name.partition('-')[0] for p in found.iterdir()) == [
+        'elements.toy.square',
+        'elements.toy.total',
+        'elements.toy.twice',
+    ]
     return found
 
 
@@ -182,7 +194,8 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
 
 @pytest.mark.slow
 def test_damage_heals_with_one_line(root: Path, filled: Path, tmp_path: Path) -> None:
-    kinds = {kind: hurt for kind, hurt in DAMAGE.items() if kind != 'forbidden' or os.geteuid()}  # nothing is forbidden to root
+    # nothing is forbidden to root
+    kinds = {kind: hurt for kind, hurt in DAMAGE.items() if kind != 'forbidden' or os.geteuid()}
     jobs = []
     for k, (kind, hurt) in enumerate(kinds.items()):
         kernels = Path(shutil.copytree(filled, tmp_path / f'{k}'))
@@ -234,13 +247,17 @@ def test_what_is_edited_while_a_process_runs_is_neither_read_nor_kept(root: Path
 
 @pytest.mark.slow
 @pytest.mark.parametrize('warm', [False, True])
-def test_a_place_that_cannot_be_written_is_told_once_and_leaves_nothing(root: Path, filled: Path, tmp_path: Path, warm: bool) -> None:
+def test_a_place_that_cannot_be_written_is_told_once_and_leaves_nothing(
+    root: Path, filled: Path, tmp_path: Path, warm: bool
+) -> None:
     """A full disk, as a limit of the size of files; a place below a file; /proc, where nobody makes directories."""
     temporary = tmp_path / 'temporary'
     temporary.mkdir()
     (tmp_path / 'file').write_text('')
     toys = Toys(root, filled.parent if warm else tmp_path / 'full', tmp_path / 'jobs', TMPDIR=str(temporary))
-    answers = toys.run({'limit': 300}, *[] if warm else [{'cache': str(tmp_path / 'file' / 'kernels')}, {'cache': '/proc/kernels'}])
+    answers = toys.run(
+        {'limit': 300}, *[] if warm else [{'cache': str(tmp_path / 'file' / 'kernels')}, {'cache': '/proc/kernels'}]
+    )
     for answer in answers:
         assert (answer['values'], answer['compiled']) == (VALUES, 0 if warm else 3)
         if warm:

@@ -70,7 +70,7 @@ simulation.restore(left.read_bytes())
 simulation.advance(30)
 print(json.dumps({'error': str(loop.error), 'steps': loop.steps, 'seen': seen, 'prepared': prepared, 'done': done,
                   'continued': hashlib.sha256(simulation.save()).hexdigest()}))
-"""
+"""  # noqa: E501
 
 
 def test_an_inner_kernel_refuses_python_before_and_after_its_compilation() -> None:
@@ -107,7 +107,9 @@ def processes(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
 
 
 @pytest.mark.slow
-def test_a_prepared_simulation_compiles_nothing_and_needs_no_other_specialisation(processes: list[dict[str, Any]]) -> None:
+def test_a_prepared_simulation_compiles_nothing_and_needs_no_other_specialisation(
+    processes: list[dict[str, Any]],
+) -> None:
     for process in processes:
         assert (process['error'], process['steps']) == ('None', 20)
         assert process['seen'] > 0

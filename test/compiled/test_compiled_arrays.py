@@ -70,8 +70,15 @@ def test_inner_lengths_are_part_of_the_type_and_the_first_is_not(rng):
 
 @compiled
 def test_the_type_is_what_numba_sees_however_often_it_is_asked(rng, monkeypatch):
-    """Types are kept by the structure of a value: they must be those of a value that is looked at for the first time."""
-    variants = [tables(rng, 3), tables(rng, 3, 5), tables(rng, 3, 6, 4), tables(rng, 3)._replace(scale=2), tables(rng, 0)]
+    """Types are kept by the structure of a value: they must be those of a value that is looked at for the first
+    time."""
+    variants = [
+        tables(rng, 3),
+        tables(rng, 3, 5),
+        tables(rng, 3, 6, 4),
+        tables(rng, 3)._replace(scale=2),
+        tables(rng, 0),
+    ]
     variants.append(variants[0]._replace(blocks=np.zeros((3, 6, 6), np.int64)))
     variants.append(variants[0]._replace(inside=Inside(np.zeros(3))))
     kept = [(Ref(value).type, Ref(value).type) for value in variants for _ in range(2)]
@@ -113,7 +120,8 @@ def test_arrays_without_a_plain_layout_are_refused(rng):
     value = tables(rng, 4)
     fixed = value.blocks.copy()
     fixed.flags.writeable = False
-    between = np.zeros(value.blocks.nbytes + 1, np.uint8)[1:].view(float).reshape(value.blocks.shape)  # no address of a number
+    # no address of a number
+    between = np.zeros(value.blocks.nbytes + 1, np.uint8)[1:].view(float).reshape(value.blocks.shape)
     for blocks in (value.blocks[::2], np.asfortranarray(value.blocks), fixed, between):
         with pytest.raises(ValueError, match='writable C-contiguous'):
             Ref(value._replace(blocks=blocks))
@@ -191,7 +199,9 @@ def test_a_record_crosses_an_address_field_by_field(rng, wanted: bool) -> None:
 def test_what_address_of_never_compiles_for_is_refused_in_a_record_too(rng, wrong: str) -> None:
     f, K, points = np.zeros((3, 6)), np.zeros((2, 6, 6)), Inside(rng.normal(size=(4, 3)))
     address = address_of(_fill_record, Given(f, K, Ref(points), 0.0, True))
-    with pytest.raises(numba.core.errors.TypingError, match='by Ref' if wrong == 'a table by value' else 'C-contiguous'):
+    with pytest.raises(
+        numba.core.errors.TypingError, match='by Ref' if wrong == 'a table by value' else 'C-contiguous'
+    ):
         if wrong == 'a table by value':
             _call_record(address, f, K, points, 2.5, True)
         else:

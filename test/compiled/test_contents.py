@@ -1,4 +1,5 @@
-"""What the code of a kernel is made of (solver.compiled.contents): all that decides about it makes another kernel, nothing else does."""
+"""What the code of a kernel is made of (solver.compiled.contents): all that decides about it makes another kernel,
+nothing else does."""
 
 from __future__ import annotations
 
@@ -50,7 +51,8 @@ def test_every_kernel_can_be_kept() -> None:
 
 
 def test_an_element_is_in_the_code_of_no_other_one_nor_of_the_step() -> None:
-    """So an edit of a kind compiles again its own kernel alone: those that evaluate all kinds call it through an address."""
+    """So an edit of a kind compiles again its own kernel alone: those that evaluate all kinds call it through an
+    address."""
     for kind in KINDS:
         entries = {kind.kernel} if kind in FORCES else {kind.residuals, kind.hessians}
         within = {one for one in KERNELS if entries & contents(one, ())[1]}
@@ -96,10 +98,13 @@ class Turned(NamedTuple):
     low: Any
 
 
-Turned.__qualname__, Turned.__name__ = Pair.__qualname__, Pair.__name__  # as after an edit: numba gives both types the same name
+# as after an edit: numba gives both types the same name
+Turned.__qualname__, Turned.__name__ = Pair.__qualname__, Pair.__name__
 
 
-def made(text: str = 'A * x', *, name: str = 'f', doc: str = '', default: object = None, options: Any = None, **space: Any) -> Dispatcher:
+def made(
+    text: str = 'A * x', *, name: str = 'f', doc: str = '', default: object = None, options: Any = None, **space: Any
+) -> Dispatcher:
     """A kernel with these globals."""
     given = {'__name__': __name__, 'A': 2.0, **space}
     exec(f'def {name}(x, y=default):\n    """{doc}"""\n    return {text}\n', {'default': default} | given, given)
@@ -324,7 +329,11 @@ EDITS: dict[str, tuple[tuple[str, str, str] | dict[str, str], list[float], set[s
     'type of a constant': (('law', 'FACTOR = 2.0', 'FACTOR = 2'), VALUES, CALLED),
     'callee': (('law', 'x * x', 'x * x * x'), [55.0, *VALUES[1:]], {'square', *CALLED}),
     'option of a callee': (('law', '(inline=True)', '(borrow=True)'), VALUES, {'square', *CALLED}),
-    'order of fields': (('law', '    low: float\n    high: float\n', '    high: float\n    low: float\n'), VALUES, {'spread'}),
+    'order of fields': (
+        ('law', '    low: float\n    high: float\n', '    high: float\n    low: float\n'),
+        VALUES,
+        {'spread'},
+    ),
     'one more field': (('law', '    low: float\n', '    width: float\n    low: float\n'), VALUES, {'spread'}),
     'caller': (('user', '+ 1.0', '+ 2.0'), [20.0, *VALUES[1:]], {'outer'}),
     'another element': (('other', '- 1.0', '- 2.0'), [*VALUES[:3], 1.0], {'other'}),

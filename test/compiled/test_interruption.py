@@ -1,4 +1,5 @@
-"""Ctrl-C while kernels are compiled: one sentence, exit code 130, soon, and a cache that is whole (solver.compiled.interruption)."""
+"""Ctrl-C while kernels are compiled: one sentence, exit code 130, soon, and a cache that is whole
+(solver.compiled.interruption)."""
 
 from __future__ import annotations
 
@@ -42,7 +43,12 @@ def kept(cache: Path) -> list[Path]:
 @pytest.mark.realtime
 @pytest.mark.parametrize(
     ('command', 'signals'),
-    [('compile', [signal.SIGINT]), ('run', [signal.SIGINT]), ('compile', [signal.SIGTERM]), ('compile', [signal.SIGINT, signal.SIGINT])],
+    [
+        ('compile', [signal.SIGINT]),
+        ('run', [signal.SIGINT]),
+        ('compile', [signal.SIGTERM]),
+        ('compile', [signal.SIGINT, signal.SIGINT]),
+    ],
 )
 def test_a_signal_while_compiling_ends_the_command(command: str, signals: list[signal.Signals], tmp_path: Path) -> None:
     process = compiling(COMMANDS[command], tmp_path)

@@ -1,4 +1,5 @@
-"""Dense arithmetic in a fixed order against LAPACK and scipy, to a few units in the last place of what conditions them."""
+"""Dense arithmetic in a fixed order against LAPACK and scipy, to a few units in the last place of what conditions
+them."""
 
 from __future__ import annotations
 
@@ -24,7 +25,9 @@ from solver.compiled.portable import (
 EPS = np.finfo(float).eps
 
 
-@pytest.mark.parametrize(('left', 'right'), [((3, 3), (3, 3)), ((3, 3), (3,)), ((4,), (4, 2)), ((5,), (5,)), ((2, 7), (7, 3))])
+@pytest.mark.parametrize(
+    ('left', 'right'), [((3, 3), (3, 3)), ((3, 3), (3,)), ((4,), (4, 2)), ((5,), (5,)), ((2, 7), (7, 3))]
+)
 def test_product_is_that_of_every_kind_of_operands(left, right, rng):
     A, B = rng.normal(size=left), rng.normal(size=right)
     np.testing.assert_allclose(product(A, B), A @ B, rtol=0, atol=8 * EPS * (np.abs(A) @ np.abs(B)).max())
@@ -64,13 +67,17 @@ def test_inverse_needs_its_pivots_and_refuses_a_singular_matrix(rng):
 
 
 def test_principal_moments_are_those_of_lapack_also_where_they_are_equal_or_zero(rng):
-    wanted = np.array([[1.0, 2.0, 3.0], [2.0, 2.0, 5.0], [0.0, 1.0, 1.0], [1e-12, 1e-6, 1.0], [0.0, 0.0, 0.0], [7.0, 7.0, 7.0]])
+    wanted = np.array(
+        [[1.0, 2.0, 3.0], [2.0, 2.0, 5.0], [0.0, 1.0, 1.0], [1e-12, 1e-6, 1.0], [0.0, 0.0, 0.0], [7.0, 7.0, 7.0]]
+    )
     for moments in wanted:
         for _ in range(20):
             Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
             A = (Q * moments) @ Q.T
             A = 0.5 * (A + A.T)
-            np.testing.assert_allclose(principal_moments(A), np.linalg.eigvalsh(A), rtol=0, atol=10 * EPS * max(moments))
+            np.testing.assert_allclose(
+                principal_moments(A), np.linalg.eigvalsh(A), rtol=0, atol=10 * EPS * max(moments)
+            )
     assert principal_moments(np.stack([np.diag([3.0, 1.0, 2.0])] * 2)).tolist() == [[1.0, 2.0, 3.0]] * 2
 
 

@@ -6,7 +6,20 @@ import numba
 import numpy as np
 import pytest
 
-from solver.compiled.rows import add_block, add_rows, combine2, combine3, cross_rows, less, mul_rows, plus, row, rows, sub_block, sub_rows
+from solver.compiled.rows import (
+    add_block,
+    add_rows,
+    combine2,
+    combine3,
+    cross_rows,
+    less,
+    mul_rows,
+    plus,
+    row,
+    rows,
+    sub_block,
+    sub_rows,
+)
 
 EPS = np.finfo(float).eps
 KINDS = ('real', 'complex')
@@ -45,7 +58,8 @@ def single(m, a, blocks):
     x, y, z = rows(m)
     add_block(
         blocks, 0, 0,
-        (combine2(a[0], x, a[1], y), combine3(a[0], x, a[1], y, a[2], z), row(a[0], a[1], a[2])), (plus(x, y), less(x, y), z),
+        (combine2(a[0], x, a[1], y), combine3(a[0], x, a[1], y, a[2], z), row(a[0], a[1], a[2])),
+        (plus(x, y), less(x, y), z),
     )  # fmt: skip
 
 

@@ -39,7 +39,9 @@ def test_exponential_is_the_matrix_exponential(rng, angle):
     np.testing.assert_allclose(matrix(so3.exp(vec(x))), expm(matrix(skew(vec(x)))), rtol=0, atol=1e-14)
     quaternion = so3.quaternion_exp(vec(x))
     np.testing.assert_allclose(quaternion, Rotation.from_rotvec(x).as_quat(), rtol=0, atol=1e-15)
-    np.testing.assert_allclose(matrix(so3.matrix_of_quaternion(quaternion)), matrix(so3.exp(vec(x))), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        matrix(so3.matrix_of_quaternion(quaternion)), matrix(so3.exp(vec(x))), rtol=0, atol=1e-14
+    )
 
 
 @pytest.mark.parametrize('angle', ANGLES)
@@ -81,7 +83,8 @@ def test_inverse_jacobian_coefficients(angle):
 
 @pytest.mark.parametrize('angle', [*ANGLES[:-1], 3.1])
 def test_logarithm_is_smooth(rng, angle):
-    """The derivative of log(exp(x) exp(d)) in d is the inverse right Jacobian, through the same code in complex numbers."""
+    """The derivative of log(exp(x) exp(d)) in d is the inverse right Jacobian, through the same code in complex
+    numbers."""
     for axis in [*np.eye(3), random_axis(rng)]:
         x = angle * axis
         R = matrix(so3.exp(vec(x))).astype(complex)
@@ -125,7 +128,8 @@ def _cross_cross(a, b):
 
 
 def test_two_cross_products_as_one_matrix():
-    """x x (y x z) = y (x . z) - z (x . y), by hand: with x = (1, 2, 3), y = (4, 5, 6), z = (7, 8, 10) it is (-12, 9, -2)."""
+    """x x (y x z) = y (x . z) - z (x . y), by hand: with x = (1, 2, 3), y = (4, 5, 6), z = (7, 8, 10) it is (-12, 9,
+    -2)."""
     M = np.array(_cross_cross((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))).reshape(3, 3)
     np.testing.assert_array_equal(M @ [7.0, 8.0, 10.0], [-12.0, 9.0, -2.0])
 

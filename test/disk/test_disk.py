@@ -1,4 +1,5 @@
-"""What is kept on disk (solver.disk): whole or not there, whoever is killed and however full the disk is; never believed when damaged."""
+"""What is kept on disk (solver.disk): whole or not there, whoever is killed and however full the disk is; never
+believed when damaged."""
 
 from __future__ import annotations
 
@@ -17,7 +18,22 @@ import numpy as np
 import pytest
 
 from solver import disk
-from solver.disk import KEPT, PART, PROOF, SIZE, USED, YOUNG, Store, alone, atomic_write, derived, digest, location, plain, sources
+from solver.disk import (
+    KEPT,
+    PART,
+    PROOF,
+    SIZE,
+    USED,
+    YOUNG,
+    Store,
+    alone,
+    atomic_write,
+    derived,
+    digest,
+    location,
+    plain,
+    sources,
+)
 from solver.errors import BagError
 
 OLD, NEW = b'old' * 1000, b'new' * 2000
@@ -89,7 +105,8 @@ def test_who_is_killed_at_any_line_leaves_the_old_or_the_new_one(way: str, tmp_p
         assert end == -signal.SIGKILL
     assert line > 10
     assert found[0] == OLD and found[-1] == NEW
-    assert found == sorted(found, key=lambda content: content == NEW)  # first the one, then the other, and nothing between them
+    # first the one, then the other, and nothing between them
+    assert found == sorted(found, key=lambda content: content == NEW)
 
 
 @pytest.mark.parametrize('way', WAYS)
@@ -123,7 +140,9 @@ def test_no_flipped_bit_no_shorter_file_and_no_other_identity_is_read(tmp_path: 
     store.write('value', b'content', 'identity')
     data = file.read_bytes()
     assert (store.read('value', 'identity'), store.damaged) == (b'content', set())
-    assert [store.read('value', *other) for other in (('another',), (), ('identity', ''), ('ident', 'ity'))] == [None] * 4
+    assert [store.read('value', *other) for other in (('another',), (), ('identity', ''), ('ident', 'ity'))] == [
+        None
+    ] * 4
     for place in range(len(data)):
         for bit in range(8):
             file.write_bytes(data[:place] + bytes([data[place] ^ (1 << bit)]) + data[place + 1 :])
@@ -141,7 +160,9 @@ def as_directory(file: Path) -> None:
     (file / 'something').mkdir(parents=True)
 
 
-@pytest.mark.parametrize('lies', [as_directory, lambda file: file.symlink_to(file), lambda file: file.symlink_to('/dev/full')])
+@pytest.mark.parametrize(
+    'lies', [as_directory, lambda file: file.symlink_to(file), lambda file: file.symlink_to('/dev/full')]
+)
 def test_what_lies_in_the_way_of_a_value_is_replaced(lies: Callable[[Path], None], tmp_path: Path) -> None:
     lies(tmp_path / 'value')
     store = Store(tmp_path)
@@ -257,7 +278,9 @@ def test_json_has_plain_numbers_and_null_where_there_is_none() -> None:
     assert json.loads(json.dumps(plain([number, 5e-324, 1e308]))) == [number, 5e-324, 1e308]
 
 
-def test_a_location_that_is_given_is_taken_and_a_user_without_a_home_has_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_location_that_is_given_is_taken_and_a_user_without_a_home_has_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv('MBD_CACHE_DIR', str(tmp_path))
     assert location() == tmp_path
     derived('a', 'b', lambda: 1)

@@ -24,7 +24,8 @@ def row(level: str, h: float, cost: float | None, yaw: float, off: str = '', fai
     parts = {'rms_share': 0.9 * yaw, 'model_share': 0.5 * yaw, 'step_share': 0.3 * yaw, 'iteration_share': 0.2 * yaw}
     errors = {'yaw_rate': {**parts, 'max': yaw}, 'position': {**parts, 'max': 10.0 * yaw}} if not failure else {}
     return {
-        'setting': f'{level} {off} {h}', 'level': level, 'off': off, 'h': h, 'iterations': 2, 'rho_inf': 0.8, 'errors': errors,
+        'setting': f'{level} {off} {h}', 'level': level, 'off': off, 'h': h, 'iterations': 2, 'rho_inf': 0.8,
+        'errors': errors,
         'failure': failure, **({} if cost is None else {'cost_median': cost}),
     }  # fmt: skip
 

@@ -1,4 +1,5 @@
-"""The example of several driven axles in docs/vehicle.md, run as it is written there, and such cars from files of their own."""
+"""The example of several driven axles in docs/vehicle.md, run as it is written there, and such cars from files of their
+own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The car of docs/vehicle.md, "Your own car", written from the documents alone: it stands where it was designed, and drives."""
+"""The car of docs/vehicle.md, "Your own car", written from the documents alone: it stands where it was designed, and
+drives."""
 
 from __future__ import annotations
 
@@ -30,5 +31,7 @@ def test_a_vehicle_file_is_counted_and_has_its_figures(tmp_path: Path, capsys: p
 @pytest.mark.slow
 def test_it_drives(capsys: pytest.CaptureFixture[str]) -> None:
     changes = (f'vehicle={VAN}', 'maneuver.steering.start=0.1', 'duration=0.5')
-    found = said(capsys, 'run', 'car_step_steer', *(part for change in changes for part in ('--set', change)), '--no-record')
+    found = said(
+        capsys, 'run', 'car_step_steer', *(part for change in changes for part in ('--set', change)), '--no-record'
+    )
     assert found['status'] == 'ok'

@@ -1,4 +1,5 @@
-"""Pages say what is so: links lead somewhere, files and functions they name exist, the index is complete, examples run."""
+"""Pages say what is so: links lead somewhere, files and functions they name exist, the index is complete, examples
+run."""
 
 from __future__ import annotations
 
@@ -58,7 +59,9 @@ def defined(file: Path) -> frozenset[str]:
                 for part in node.body
                 if isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name)
             }
-        targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+        targets = (
+            node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+        )
         found |= {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
         if isinstance(node, ast.ImportFrom):
             found |= {alias.asname or alias.name for alias in node.names}
@@ -115,7 +118,12 @@ def test_files_that_a_page_names_exist(page):
     """Also in parts: `tires/205_55R16.tir`, `road.py`."""
     for code in CODE.findall(prose(page)):
         for name in FILE.findall(code):
-            known = name.startswith(('out/', '/', '..')) or name in GENERATED or '*' in code or name.removeprefix('./') in file_names()
+            known = (
+                name.startswith(('out/', '/', '..'))
+                or name in GENERATED
+                or '*' in code
+                or name.removeprefix('./') in file_names()
+            )
             assert known, f'`{code}` names {name}'
 
 
@@ -164,7 +172,9 @@ def test_every_page_stands_in_the_index():
 @pytest.mark.slow
 def test_the_example_of_the_public_interface_runs(tmp_path):
     """docs/api.md, from the first line to the last; its own assertions are checked."""
-    examples = re.findall(r'^```python\n(.*?)^```$', (DOCS / 'api.md').read_text(encoding='utf-8'), re.MULTILINE | re.DOTALL)
+    examples = re.findall(
+        r'^```python\n(.*?)^```$', (DOCS / 'api.md').read_text(encoding='utf-8'), re.MULTILINE | re.DOTALL
+    )
     assert len(examples) == 1
     (tmp_path / 'example.py').write_text(examples[0], encoding='utf-8')
     done = run_there(tmp_path, 'example.py', PYTHONPATH=str(ROOT))
@@ -179,9 +189,12 @@ def test_the_readme_lists_every_exit_code():
     while kinds:
         kind = kinds.pop()
         of_errors.add(kind.exit_code)
-        kinds += [one for one in kind.__subclasses__() if one.__module__.startswith(('solver.', 'mbd_sim_ros.'))]  # none of a test
+        # none of a test
+        kinds += [one for one in kind.__subclasses__() if one.__module__.startswith(('solver.', 'mbd_sim_ros.'))]
     assert {NoSimulator.exit_code, main.USAGE_ERROR} < of_errors
     table = re.search(r'\| exit code .*?\n\n', (DOCS / 'commands.md').read_text(encoding='utf-8') + '\n\n', re.DOTALL)
     listed = re.findall(r'^\| ([\d, ]+) \|', table[0], re.MULTILINE)
     of_signals = {interrupts.EXIT + number for number in interrupts.SIGNALS}
-    assert {int(code) for codes in listed for code in codes.split(',')} == of_errors | {main.INTERNAL_ERROR} | of_signals
+    assert {int(code) for codes in listed for code in codes.split(',')} == of_errors | {
+        main.INTERNAL_ERROR
+    } | of_signals

@@ -29,7 +29,11 @@ def published() -> ModuleType:
 
 def test_a_product_depends_on_what_its_programs_import_at_any_depth(published) -> None:
     found = {path.relative_to(ROOT).as_posix() for path in published.sources(published.PRODUCTS['slider_crank'])}
-    assert {'solver/step/iteration.py', 'mbd_sim_ros/lab/studies/slider_crank_claims.py', 'config/mechanisms/slider_crank.yaml'} <= found
+    assert {
+        'solver/step/iteration.py',
+        'mbd_sim_ros/lab/studies/slider_crank_claims.py',
+        'config/mechanisms/slider_crank.yaml',
+    } <= found
     assert not any(path.startswith(('mbd_sim_ros/commands', 'mbd_sim_ros/node', 'test')) for path in found)
 
 
@@ -65,18 +69,28 @@ def test_what_was_changed_by_hand_is_named(published, monkeypatch, tmp_path, cap
     monkeypatch.setattr(published, 'manifest', lambda: noted)
     assert published.check() == 1
     told = capsys.readouterr().out
-    assert 'docs/pictures/slider_crank_figure_1.png: changed by hand' in told and 'docs/studies.md: slider_crank: changed' in told
+    assert (
+        'docs/pictures/slider_crank_figure_1.png: changed by hand' in told
+        and 'docs/studies.md: slider_crank: changed' in told
+    )
     assert f'older than their sources, {len(published.PRODUCTS) - 1} of' in told
 
 
 def test_every_study_and_every_picture_is_a_product(published) -> None:
-    pictures = {place for product in published.PRODUCTS.values() for place in published.held(product) if place.startswith('pictures/')}
+    pictures = {
+        place
+        for product in published.PRODUCTS.values()
+        for place in published.held(product)
+        if place.startswith('pictures/')
+    }
     assert pictures == {f'pictures/{file.name}' for file in (ROOT / 'docs' / 'pictures').iterdir()}
     patterns = [product.parts for product in published.PRODUCTS.values() if product.parts]
     for page in sorted((ROOT / 'docs').glob('*.md')):
         for match in published.HELD.finditer(page.read_text(encoding='utf-8')):
             if match['name'].split(':')[0] in STUDIES or match['name'].startswith('bench'):
-                assert any(re.fullmatch(pattern, match['name']) for pattern in patterns), f'{page.name}: {match["name"]}'
+                assert any(re.fullmatch(pattern, match['name']) for pattern in patterns), (
+                    f'{page.name}: {match["name"]}'
+                )
     assert published.held(published.PRODUCTS['bench']).keys() == {'performance.md: bench'}
 
 

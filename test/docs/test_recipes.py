@@ -1,4 +1,5 @@
-"""The recipes of docs/contributing.md for a suspension, a check, a command, a topic and a study, followed in a copy of the program.
+"""The recipes of docs/contributing.md for a suspension, a check, a command, a topic and a study, followed in a copy of
+the program.
 
 Those for elements and constraints: test/elements/test_recipe.py.
 """
@@ -37,7 +38,8 @@ def test_every_file_of_the_recipes_is_linked_from_the_page():
 @pytest.mark.long
 @pytest.mark.slow
 def test_a_suspension_is_one_file_and_one_name(program):
-    """Arm and links of the multi-link axle are gone, and the car stands: the tires carry its weight, left and right alike."""
+    """Arm and links of the multi-link axle are gone, and the car stands: the tires carry its weight, left and right
+    alike."""
     shutil.copy(RECIPE / 'sliding_pillar.py', program / 'solver' / 'vehicle')
     shutil.copy(RECIPE / 'sliding_pillar.yaml', program)
     arguments = ('info', 'car_step_steer', '--brief', '--set', 'vehicle.rear=sliding_pillar.yaml')
@@ -61,7 +63,8 @@ def test_a_suspension_is_one_file_and_one_name(program):
 
 @pytest.mark.slow
 def test_a_check_is_one_record_and_one_line(program):
-    """The pendulum hangs 1 m below its pivot, wherever it swings: its key is refused before, and its table and sentence follow."""
+    """The pendulum hangs 1 m below its pivot, wherever it swings: its key is refused before, and its table and sentence
+    follow."""
     beyond = ('run', 'pendulum', '--no-record', '--json', '--duration', '0.1', '--set', 'require.strayed_max=0.5')
     assert 'strayed_max: unknown key' in mbd(program, *beyond).stdout
     shutil.copy(RECIPE / 'strayed.py', program / 'solver' / 'checks')
@@ -74,10 +77,13 @@ def test_a_check_is_one_record_and_one_line(program):
     (found,) = json.loads(done.stdout)['findings']
     assert (found['quantity'], found['required'], found['where']) == ('strayed_max', True, "body 'bob'")
     assert found['text'] == (
-        f"Body 'bob' has strayed from the origin (strayed_max {found['value']:.3g} m, required 0.5 m). Hold it, or end the run before"
+        f"Body 'bob' has strayed from the origin (strayed_max {found['value']:.3g} m, required 0.5 m). Hold it, or end "
+        'the run before'
     )
     assert mbd(program, *beyond[:-1], 'require.strayed_max=100').returncode == 0
-    made = run_there(program, '-c', f'import runpy; print(runpy.run_path({str(ROOT / "docs/tools/checks.py")!r})["table"]())')
+    made = run_there(
+        program, '-c', f'import runpy; print(runpy.run_path({str(ROOT / "docs/tools/checks.py")!r})["table"]())'
+    )
     assert '| `strayed_max` | m | none; distance of a body' in made.stdout
 
 
@@ -108,7 +114,8 @@ def test_a_topic_is_one_line(program):
     look = (
         'from mbd_sim_ros.bags.reader import read; run = read("bag")\n'
         'for w in ("front_left", "front_right", "rear_left", "rear_right"):\n'
-        '    assert (run[f"wheel_loads/{w}"] == run[f"tire_states/{w}/fz"]).all() and run[f"wheel_loads/{w}"].min() > 1000.0'
+        '    assert (run[f"wheel_loads/{w}"] == run[f"tire_states/{w}/fz"]).all() and run[f"wheel_loads/{w}"].min() > '
+        '1000.0'
     )
     read = run_there(program, '-c', look)
     assert read.returncode == 0, read.stderr
@@ -116,7 +123,8 @@ def test_a_topic_is_one_line(program):
 
 @pytest.mark.slow
 def test_an_evaluation_is_one_file_and_one_line(program):
-    """A car that loses 0.25 m/s every second, from 22 m/s on; a faster one does not keep the limit, a short one is refused."""
+    """A car that loses 0.25 m/s every second, from 22 m/s on; a faster one does not keep the limit, a short one is
+    refused."""
     folder = program / 'mbd_sim_ros' / 'analysis' / 'evaluation'
     shutil.copy(RECIPE / 'coasting.py', folder)
     changed(folder / 'registry.py', 'evaluation import braking, ', 'evaluation import braking, coasting, ')

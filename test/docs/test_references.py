@@ -18,7 +18,13 @@ def listed() -> list[str]:
 def cited() -> dict[str, set[str]]:
     """Keys by the file that cites them, in everything that people read but the list itself."""
     found = {}
-    for folder, pattern in (('solver', '*.py'), ('mbd_sim_ros', '*.py'), ('test', '*.py'), ('docs', '*.md'), ('config', '*.*')):
+    for folder, pattern in (
+        ('solver', '*.py'),
+        ('mbd_sim_ros', '*.py'),
+        ('test', '*.py'),
+        ('docs', '*.md'),
+        ('config', '*.*'),
+    ):
         for path in sorted((ROOT / folder).rglob(pattern)):
             if path not in (LIST, Path(__file__).resolve()):
                 found[str(path.relative_to(ROOT))] = set(KEY.findall(path.read_text(encoding='utf-8')))

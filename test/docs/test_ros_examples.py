@@ -29,7 +29,9 @@ def example(directory, name: str, *arguments: str) -> str:
 
 def test_a_maneuver_from_a_script(simulator, tmp_path):
     simulator(scene='light_car_straight', rate_factor=3.0)  # it looks at the time of the simulation
-    found = re.search(r'largest yaw rate ([\d.]+) rad/s, stopped within ([\d.]+) m', example(tmp_path, 'maneuver_script'))
+    found = re.search(
+        r'largest yaw rate ([\d.]+) rad/s, stopped within ([\d.]+) m', example(tmp_path, 'maneuver_script')
+    )
     assert found
     assert 0.1 < float(found[1]) < 0.6
     assert 20.0 < float(found[2]) < 60.0  # 25 m/s with 5 to 10 m/s^2
@@ -49,7 +51,8 @@ def test_a_lockstep_controller_gives_the_same_run_twice(simulator, tmp_path):
 def test_two_cars_in_one_graph(simulator, tmp_path):
     said = example(tmp_path, 'two_cars')
     left, right = (
-        re.search(rf'{name}: {name}/base_link in {name}/odom at x = ([\d.]+) m, y = ([+-][\d.]+) m', said) for name in ('car1', 'car2')
+        re.search(rf'{name}: {name}/base_link in {name}/odom at x = ([\d.]+) m, y = ([+-][\d.]+) m', said)
+        for name in ('car1', 'car2')
     )
     assert left and right, said
     assert float(left[2]) > 0.5 and float(right[2]) < -0.5

@@ -1,4 +1,5 @@
-"""The site: every page is in its navigation, every link in it leads somewhere, and docstrings are shown as they are meant."""
+"""The site: every page is in its navigation, every link in it leads somewhere, and docstrings are shown as they are
+meant."""
 
 from __future__ import annotations
 
@@ -46,7 +47,9 @@ class Page(HTMLParser):
 
 def broken(directory: Path) -> list[str]:
     """Links of a site that lead nowhere: 'page: link'."""
-    pages = {file: Page(file.read_text(encoding='utf-8')) for file in directory.rglob('*.html') if 'raw' not in file.parts}
+    pages = {
+        file: Page(file.read_text(encoding='utf-8')) for file in directory.rglob('*.html') if 'raw' not in file.parts
+    }
     found = []
     for file, page in pages.items():
         for link in page.links:
@@ -54,7 +57,9 @@ def broken(directory: Path) -> list[str]:
             if parts.scheme or parts.netloc:
                 continue
             target = (file.parent / unquote(parts.path)).resolve() if parts.path else file
-            there = target.is_file() and (not parts.fragment or target not in pages or unquote(parts.fragment) in pages[target].anchors)
+            there = target.is_file() and (
+                not parts.fragment or target not in pages or unquote(parts.fragment) in pages[target].anchors
+            )
             if not there:
                 found.append(f'{file.relative_to(directory)}: {link}')
     return found
@@ -90,9 +95,13 @@ def test_every_page_stands_in_the_navigation() -> None:
 def test_links_lead_to_pages_files_and_folders(tmp_path: Path) -> None:
     made = site.Site(tmp_path)
     page = ROOT / 'docs' / 'vehicle.md'
-    text = '[a](scene.md#start) [b](../solver/simulation.py) [c](../solver/levels/) [d](README.md) [e](https://a.b/c.md)\n```\n[f](none.md)\n```\n'
+    text = (
+        '[a](scene.md#start) [b](../solver/simulation.py) [c](../solver/levels/) [d](README.md) '
+        '[e](https://a.b/c.md)\n```\n[f](none.md)\n```\n'
+    )
     assert made._linked(text, page) == (
-        '[a](/docs/scene.md#start) [b](/files/solver/simulation.py.md) [c](/files/solver/levels.md) [d](/docs/index.md) [e](https://a.b/c.md)\n'
+        '[a](/docs/scene.md#start) [b](/files/solver/simulation.py.md) [c](/files/solver/levels.md) '
+        '[d](/docs/index.md) [e](https://a.b/c.md)\n'
         '```\n[f](none.md)\n```\n'
     )
     assert made.shown == {ROOT / 'solver' / 'simulation.py', ROOT / 'solver' / 'levels'}
@@ -104,7 +113,8 @@ def test_links_lead_to_pages_files_and_folders(tmp_path: Path) -> None:
     ('lines', 'shown'),
     [
         (['Path of |x| and name_ `mbd run`.'], ['Path of \\|x\\| and name\\_ ``mbd run``.']),
-        (['One.', '', 'u: held. audit: keep it. Raises X.'], ['One.', '', '**u**: held.', '', '**audit**: keep it. Raises X.']),
+        (['One.', '', 'u: held. audit: keep it. Raises X.'], ['One.', '', '**u**: '
+            'held.', '', '**audit**: keep it. Raises X.']),
         (['Like so:', '', '    a * b', ''], ['Like so:', '', '::', '', '    a * b']),
         (['a_b, c: both.'], ['**a\\_b, c**: both.']),
     ],

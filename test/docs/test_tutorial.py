@@ -1,4 +1,5 @@
-"""Every command of the tutorial runs as it is written: a shell makes words of it, and the program does what they say."""
+"""Every command of the tutorial runs as it is written: a shell makes words of it, and the program does what they
+say."""
 
 from __future__ import annotations
 
@@ -44,13 +45,24 @@ def test_every_command_of_the_tutorial_succeeds(
     monkeypatch.setenv('PYTHONPATH', f'{ROOT}:{os.environ.get("PYTHONPATH", "")}')
     blocks = re.findall(r'```bash\n(.*?)```', TUTORIAL.read_text(encoding='utf-8'), re.DOTALL)
     commands = [line for block in blocks for line in block.splitlines()]
-    assert {command.split()[1] for command in commands} >= {'run', 'view', 'compare', 'evaluate', 'sweep', 'export', 'replay'}
+    assert {command.split()[1] for command in commands} >= {
+        'run',
+        'view',
+        'compare',
+        'evaluate',
+        'sweep',
+        'export',
+        'replay',
+    }
     for k, command in enumerate(commands):
         promised = re.search(r'# exit code (\d)$', command)
         words = words_of(command)
         assert words.pop(0) == 'mbd'
-        if k == 0:  # a process of its own, as all of them are for whoever follows; the others have what is imported here
-            done = subprocess.run([sys.executable, '-m', 'mbd_sim_ros.commands.main', *words], capture_output=True, text=True, check=False)
+        # a process of its own, as all of them are for whoever follows; the others have what is imported here
+        if k == 0:
+            done = subprocess.run(
+                [sys.executable, '-m', 'mbd_sim_ros.commands.main', *words], capture_output=True, text=True, check=False
+            )
             code, said, complained = done.returncode, done.stdout, done.stderr
         else:
             code = main(words)

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from contract import ContractContext, Element, check_contract, forcing, kinematics, random_kinematics, random_marker
 
-from solver.elements.adjustable_damper import OUTPUTS, AdjustableDamperSpec, adjustable_dampers, compile_adjustable_dampers
+from solver.elements.adjustable_damper import (
+    OUTPUTS,
+    AdjustableDamperSpec,
+    adjustable_dampers,
+    compile_adjustable_dampers,
+)
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.laws import Law
 from solver.elements.marker import Marker
@@ -31,7 +36,8 @@ def damper(**changes):
 
 @pytest.mark.parametrize('terms', [(('slide', 1.0),), (('left', 0.7), ('right', -1.2), ('slide', 0.4))])
 def test_contract(rng, terms):
-    """Tangents, action = reaction and power balance hold for one to three terms of both kinds, at any valve and command."""
+    """Tangents, action = reaction and power balance hold for one to three terms of both kinds, at any valve and
+    command."""
     coordinates = [
         CoordinateSpec(name='left', kind='rotation', i=random_marker(rng, 'b0'), j=random_marker(rng, 'b1')),
         CoordinateSpec(name='right', kind='rotation', i=random_marker(rng, 'b0'), j=random_marker(rng, 'b2')),

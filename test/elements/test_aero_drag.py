@@ -30,7 +30,9 @@ def test_contract(rng):
 
 def test_contract_at_rest(rng):
     """At rest force and tangents vanish, without a division by zero."""
-    element = drags([AeroDragSpec(name='d', marker=Marker(body='b0', position=(1, 2, 3)), drag_area=0.7, lift_area=0.2)])
+    element = drags(
+        [AeroDragSpec(name='d', marker=Marker(body='b0', position=(1, 2, 3)), drag_area=0.7, lift_area=0.2)]
+    )
     kin = random_kinematics(rng, 1, speed=0.0)
     check_contract(element, kin, pair=False)
     result = element.evaluate(kin, tangents=True)
@@ -38,7 +40,8 @@ def test_contract_at_rest(rng):
 
 
 def test_drag_of_a_moving_car():
-    """20 m/s along world y, the car heading along it: 0.5*1.2*0.75*400 = 180 N against the motion, 36 N down; moments of the arm.
+    """20 m/s along world y, the car heading along it: 0.5*1.2*0.75*400 = 180 N against the motion, 36 N down; moments
+    of the arm.
 
     The arm (0, 0, 0.5) in B gives a pitch moment of (0, 0, 0.5) x (-180, 0, -36) = (0, -90, 0) N m.
     """
@@ -51,7 +54,10 @@ def test_drag_of_a_moving_car():
 
 def test_drag_is_quadratic_and_odd():
     element = drags([AeroDragSpec(name='d', marker=Marker(body='b0'), drag_area=0.75)])
-    forces = [element.evaluate(kinematics([((0, 0, 0), (0, 0, 0))], [[v, 0, 0, 0, 0, 0]])).f[0, 0] for v in (10.0, 20.0, -20.0)]
+    forces = [
+        element.evaluate(kinematics([((0, 0, 0), (0, 0, 0))], [[v, 0, 0, 0, 0, 0]])).f[0, 0]
+        for v in (10.0, 20.0, -20.0)
+    ]
     np.testing.assert_allclose(forces, [-45.0, -180.0, 180.0], rtol=1e-14)
 
 

@@ -50,7 +50,8 @@ def test_contract(rng, frame, reaction):
 
 
 def test_force_acts_at_the_marker_in_its_axes():
-    """Body turned by 90 deg about z: 10 N along its x act along world y at the arm (0, 0.5, 0) in B: -5 N m about z, all scaled by 3.
+    """Body turned by 90 deg about z: 10 N along its x act along world y at the arm (0, 0.5, 0) in B: -5 N m about z,
+    all scaled by 3.
 
     The world takes the reaction at the same point (3.5, 5, 6) m: moment -(3.5, 5, 6) x (0, 30, 0) - (0, 0, 6).
     """
@@ -59,12 +60,15 @@ def test_force_acts_at_the_marker_in_its_axes():
     element = applied_forces([spec], inputs=('u',))
     kin = kinematics([((4, 5, 6), (0, 0, np.pi / 2)), ((0, 0, 0), (0, 0, 0))], [[0, 2, 0, 0, 0, 0], [0] * 6])
     result = element.evaluate(kin, u=[3.0])
-    np.testing.assert_allclose(result.f, [[0, 30, 0, 0, 0, -15 + 6], [0] * 6, [0, -30, 0, 180, 0, -105 - 6]], atol=1e-12)
+    np.testing.assert_allclose(
+        result.f, [[0, 30, 0, 0, 0, -15 + 6], [0] * 6, [0, -30, 0, 180, 0, -105 - 6]], atol=1e-12
+    )
     np.testing.assert_allclose(result.out[0], [0, -60, 0, 30, 0, 0, 0, 6], atol=1e-12)
 
 
 def test_reaction_acts_at_the_same_point():
-    """10 N along x on b1 at (1, 2, 0); the reaction on b0 at the origin has the moment -(1, 2, 0) x (10, 0, 0) = (0, 0, 20)."""
+    """10 N along x on b1 at (1, 2, 0); the reaction on b0 at the origin has the moment -(1, 2, 0) x (10, 0, 0) = (0, 0,
+    20)."""
     spec = AppliedForceSpec(name='a', marker=Marker(body='b1'), reaction=Marker(body='b0'), force=(10, 0, 0))
     result = applied_forces([spec]).evaluate(kinematics([((0, 0, 0), (0, 0, 0)), ((1, 2, 0), (0, 0, 0.3))]))
     np.testing.assert_allclose(result.f, [[-10, 0, 0, 0, 0, 20], [10, 0, 0, 0, 0, 0], [0] * 6], atol=1e-12)

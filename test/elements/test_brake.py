@@ -37,8 +37,14 @@ def random_brake(rng, *, j='b1', **changes):
     def marker(body):
         return Marker(body=body, position=rng.normal(size=3), orientation=Rotation.random(random_state=rng).as_quat())
 
-    spec = BrakeSpec(name='b', coordinate='wheel', input='brake', gain=2.0, **{'stiffness': 30.0, 'damping': 0.4, **changes})
-    return brakes([spec], [CoordinateSpec(name='wheel', kind='rotation', i=marker('b0'), j=marker(j))], com=rng.normal(size=(2, 3)))
+    spec = BrakeSpec(
+        name='b', coordinate='wheel', input='brake', gain=2.0, **{'stiffness': 30.0, 'damping': 0.4, **changes}
+    )
+    return brakes(
+        [spec],
+        [CoordinateSpec(name='wheel', kind='rotation', i=marker('b0'), j=marker(j))],
+        com=rng.normal(size=(2, 3)),
+    )
 
 
 def wheel_brake(**values):
@@ -55,7 +61,8 @@ def turning(omega):
 @pytest.mark.parametrize(('capacity', 'branch'), [(1e3, 'stick'), (0.05, 'slip'), (0.0, 'free')])
 @pytest.mark.parametrize('j', ['b1', 'world'])
 def test_contract_in_every_branch(rng, capacity, branch, j):
-    """Tangents are exact for the branch taken; action = reaction; Q omega = -k z zdot - dissipation with zdot = (z - zp)/cz."""
+    """Tangents are exact for the branch taken; action = reaction; Q omega = -k z zdot - dissipation with zdot = (z -
+    zp)/cz."""
     element = random_brake(rng, j=j)
     for zp in (0.02, -0.3):
         kin = random_kinematics(rng, 2)
@@ -80,7 +87,9 @@ def test_contract_without_a_step(rng):
         result = element.evaluate(kin, zp=[0.1], u=[capacity])
         assert result.z[0] == 0.1
         expected = 30.0 * 0.1 + 0.4 * element.output(result, 'rate')[0]
-        assert -element.output(result, 'torque')[0] == pytest.approx(np.clip(expected, -2 * capacity, 2 * capacity), rel=1e-12)
+        assert -element.output(result, 'torque')[0] == pytest.approx(
+            np.clip(expected, -2 * capacity, 2 * capacity), rel=1e-12
+        )
     undamped = random_brake(rng, damping=0.0)
     result = undamped.evaluate(kin, zp=[0.1], u=[0.75])
     assert result.z[0] == pytest.approx(1.5 / 30.0)  # clipped to T/k
@@ -88,7 +97,8 @@ def test_contract_without_a_step(rng):
 
 
 def test_brake_torque_opposes_the_rotation():
-    """Wound up by 0.01 rad at 1000 N m/rad and turning at 2 rad/s at 1 N m s/rad, cz = 1 ms: z = 0.012, Q = -12 - 2 = -14 N m."""
+    """Wound up by 0.01 rad at 1000 N m/rad and turning at 2 rad/s at 1 N m s/rad, cz = 1 ms: z = 0.012, Q = -12 - 2 =
+    -14 N m."""
     result = wheel_brake(stiffness=1000.0, damping=1.0).evaluate(turning(2.0), zp=[0.01], cz=1e-3, u=[50.0])
     np.testing.assert_allclose(result.f[0], [0, 0, 0, 0, 0, -14.0], atol=1e-12)
     np.testing.assert_allclose(result.f[1], [0, 0, 0, 0, 0, 14.0], atol=1e-12)
@@ -129,7 +139,8 @@ def test_dissipation_is_never_negative_and_windup_is_bounded(rng):
 
 
 def spin(element, *, inertia, omega, drive, capacity, steps, z=0.0):
-    """Backward-Euler motion of the wheel under a drive torque [N m]; yields (time, angle, omega, wind-up, torque) per step."""
+    """Backward-Euler motion of the wheel under a drive torque [N m]; yields (time, angle, omega, wind-up, torque) per
+    step."""
     angle = 0.0
     for n in range(steps):
         t = (n + 1) * H
@@ -150,14 +161,18 @@ def spin(element, *, inertia, omega, drive, capacity, steps, z=0.0):
 def test_locked_wheel_holds_without_creep_or_chatter():
     """A wheel at 30 rad/s is braked to a stop by 100 N m and then held against 60 N m: it rests at wind-up 60 N m / k.
 
-    Stopping time I omega/(T - drive) = 0.5*30/40 = 0.375 s (backward Euler: one step). Resting: after 2 s, forty times the decay time
-    of the wind-up oscillation 2 I/d = 0.05 s, rate and torque are steady to 1e-9, with no drift of the angle.
+    Stopping time I omega/(T - drive) = 0.5*30/40 = 0.375 s (backward Euler: one step). Resting: after 2 s, forty times
+    the decay time of the wind-up oscillation 2 I/d = 0.05 s, rate and torque are steady to 1e-9, with no drift of the
+    angle.
     """
     element = wheel_brake(stiffness=5000.0, damping=20.0)
-    history = np.array(list(spin(element, inertia=0.5, omega=30.0, drive=lambda t: 60.0, capacity=lambda t: 100.0, steps=2400)))
+    history = np.array(
+        list(spin(element, inertia=0.5, omega=30.0, drive=lambda t: 60.0, capacity=lambda t: 100.0, steps=2400))
+    )
     t, angle, omega, z, torque = history.T
     stop = t[np.argmax(omega <= 0.0)]
-    assert stop == pytest.approx(0.375, abs=0.02)  # the wind-up at the end, T/k = 0.02 rad, adds less than a period of the oscillation
+    # the wind-up at the end, T/k = 0.02 rad, adds less than a period of the oscillation
+    assert stop == pytest.approx(0.375, abs=0.02)
     assert np.all(np.abs(torque) <= 100.0)
     rest = t > 2.0
     np.testing.assert_allclose(torque[rest], -60.0, rtol=0, atol=1e-9)
@@ -195,12 +210,17 @@ def test_a_wind_up_without_step_and_damper_slides_at_its_capacity_whatever_round
     assert element.output(sliding, 'torque')[0] == -10.0
     assert element.output(sliding, 'dissipation')[0] == 300.0
     assert element.output(element.evaluate(turning(30.0), zp=[0.99 * windup], u=[10.0]), 'dissipation')[0] == 0.0
-    assert element.output(element.evaluate(turning(-30.0), zp=[windup], u=[10.0]), 'dissipation')[0] == 0.0  # it unloads
+    # it unloads
+    assert element.output(element.evaluate(turning(-30.0), zp=[windup], u=[10.0]), 'dissipation')[0] == 0.0
 
 
 @pytest.mark.parametrize(
     ('changes', 'message'),
-    [({'gain': -1.0}, 'gain = -1.0: must be >= 0'), ({'stiffness': 0.0}, 'stiffness = 0.0: must be > 0'), ({'damping': -1.0}, 'damping')],
+    [
+        ({'gain': -1.0}, 'gain = -1.0: must be >= 0'),
+        ({'stiffness': 0.0}, 'stiffness = 0.0: must be > 0'),
+        ({'damping': -1.0}, 'damping'),
+    ],
 )
 def test_refusals_name_element_field_and_remedy(changes, message):
     with pytest.raises(SpecError, match="Brake 'b': " + message):

@@ -43,7 +43,9 @@ def test_contract_of_linear_bushings(rng, i, j):
 def test_contract_of_nonlinear_bushings(rng):
     """Laws may replace the stiffness of any axis, in translation and rotation."""
     stop = Law.table([[-1.0, -9.0], [-0.2, -0.4], [0.0, 0.0], [0.3, 0.5], [1.0, 7.0]])
-    element = bushings([random_spec(rng, laws=(None, stop, None, stop, None, stop)), random_spec(rng)], com=rng.normal(size=(2, 3)))
+    element = bushings(
+        [random_spec(rng, laws=(None, stop, None, stop, None, stop)), random_spec(rng)], com=rng.normal(size=(2, 3))
+    )
     for _ in range(3):
         check_contract(element, random_kinematics(rng, 2))
 
@@ -61,10 +63,11 @@ def test_contract_through_the_branches_of_the_rotation_vector(rng, angle):
 
 
 def test_force_opposes_the_displacement_in_the_axes_of_marker_i():
-    """Marker i turned by 90 deg about z: its x axis is the world's y. 2 mm along world y is 2 mm along x of the bushing.
+    """Marker i turned by 90 deg about z: its x axis is the world's y. 2 mm along world y is 2 mm along x of the
+    bushing.
 
-    Force: 1000 N/m * 2 mm + 10 N s/m * 0.3 m/s = 5 N along -y, at the arm (0.5, 0, 0) from b1: moment -2.5 N m about z on b1;
-    the reaction acts at the same point, 0.502 m - 0.5 m off along y and 0.25 m along x from b0: +1.25 N m.
+    Force: 1000 N/m * 2 mm + 10 N s/m * 0.3 m/s = 5 N along -y, at the arm (0.5, 0, 0) from b1: moment -2.5 N m about z
+    on b1; the reaction acts at the same point, 0.502 m - 0.5 m off along y and 0.25 m along x from b0: +1.25 N m.
     """
     quarter = tuple(Rotation.from_rotvec([0, 0, np.pi / 2]).as_quat())
     spec = BushingSpec(
@@ -87,7 +90,13 @@ def test_torque_opposes_the_rotation():
 
     The rotation vector changes only along x, so the elastic torque is exactly along x.
     """
-    spec = BushingSpec(name='b', i=Marker(body='b0'), j=Marker(body='b1'), stiffness=(0, 0, 0, 4, 5, 6), damping=(0, 0, 0, 0.4, 0.5, 0.6))
+    spec = BushingSpec(
+        name='b',
+        i=Marker(body='b0'),
+        j=Marker(body='b1'),
+        stiffness=(0, 0, 0, 4, 5, 6),
+        damping=(0, 0, 0, 0.4, 0.5, 0.6),
+    )
     kin = kinematics([((0, 0, 0), (0, 0, 0)), ((0, 0, 0), (0.1, 0, 0))], [[0, 0, 0, 0, -2, 0], [0] * 6])
     element = bushings([spec])
     result = element.evaluate(kin)
@@ -114,7 +123,9 @@ def test_no_work_on_a_closed_path_of_large_rotations(rng):
         rate = 1.1 * np.array([1, 2, 3]) * np.cos(np.array([s, 2 * s, 3 * s]) + phases)
         h = 1e-6
         R = Rotation.from_rotvec(theta)
-        w = (Rotation.from_rotvec(theta - h * rate).inv() * Rotation.from_rotvec(theta + h * rate)).as_rotvec() / (2 * h)
+        w = (Rotation.from_rotvec(theta - h * rate).inv() * Rotation.from_rotvec(theta + h * rate)).as_rotvec() / (
+            2 * h
+        )
         result = element.evaluate(kinematics([((0, 0, 0), R.as_matrix())]))
         work += result.f[0, 3:] @ w * 2 * np.pi / n
         energy = max(energy, result.out[0, 0])
@@ -127,7 +138,10 @@ def test_frame_indifference(rng):
     kin = random_kinematics(rng, 2)
     Q = Rotation.random(random_state=rng).as_matrix()
     shift = rng.normal(size=3)
-    moved = kinematics([(Q @ kin.p[b] + shift, Q @ kin.R[b]) for b in range(2)], [np.r_[Q @ kin.v[b, :3], kin.v[b, 3:]] for b in range(2)])
+    moved = kinematics(
+        [(Q @ kin.p[b] + shift, Q @ kin.R[b]) for b in range(2)],
+        [np.r_[Q @ kin.v[b, :3], kin.v[b, 3:]] for b in range(2)],
+    )
     a, b = element.evaluate(kin), element.evaluate(moved)
     np.testing.assert_allclose(b.out, a.out, rtol=0, atol=1e-12 * np.abs(a.out).max())
     np.testing.assert_allclose(b.f[:2, 3:], a.f[:2, 3:], rtol=0, atol=1e-12 * np.abs(a.f).max())

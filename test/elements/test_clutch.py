@@ -14,7 +14,14 @@ from solver.elements.marker import Marker
 from solver.errors import SpecError
 
 INPUTS = ('pedal', 'clutch', 'gear')
-GIVEN = {'shaft': 'x0', 'outputs': (('x1', 0.5), ('x2', 0.5)), 'ratios': (4.0, 2.0), 'capacity': 200.0, 'stiffness': 3000.0, 'damping': 5.0}
+GIVEN = {
+    'shaft': 'x0',
+    'outputs': (('x1', 0.5), ('x2', 0.5)),
+    'ratios': (4.0, 2.0),
+    'capacity': 200.0,
+    'stiffness': 3000.0,
+    'damping': 5.0,
+}
 
 
 def rotations(rng=None):
@@ -40,7 +47,11 @@ def a_clutch(given, com=None, **changed):
 
 
 def an_engine(given, com=None, **changed):
-    data = {'speeds': (0.0, 100.0, 300.0), 'pedals': (0.0, 1.0), 'torques': ((10.0, -10.0, -40.0), (100.0, 150.0, 120.0))}
+    data = {
+        'speeds': (0.0, 100.0, 300.0),
+        'pedals': (0.0, 1.0),
+        'torques': ((10.0, -10.0, -40.0), (100.0, 150.0, 120.0)),
+    }
     spec = EngineSpec(name='e', coordinate='x0', input='pedal', **{**data, **changed})
     return element([spec], compile_engines, engine_forces, engine_map.OUTPUTS, given, com)
 
@@ -66,14 +77,19 @@ def turning(*rates):
     return kinematics([still] * 4, [[0.0] * 6, *([0.0] * 5 + [rate] for rate in rates)])
 
 
-@pytest.mark.parametrize(('gear', 'ratio'), [(1.0, 4.0), (2.0, 2.0), (7.0, 2.0), (1e300, 2.0), (0.4, 0.0), (-1.0, -3.0)])
+@pytest.mark.parametrize(
+    ('gear', 'ratio'), [(1.0, 4.0), (2.0, 2.0), (7.0, 2.0), (1e300, 2.0), (0.4, 0.0), (-1.0, -3.0)]
+)
 def test_a_slipping_clutch_gives_its_capacity_times_the_ratio(gear, ratio):
-    """Shaft at 500 rad/s, outputs at 10 and 20: half pressed the clutch carries 100 N m, the carrier takes what is over."""
+    """Shaft at 500 rad/s, outputs at 10 and 20: half pressed the clutch carries 100 N m, the carrier takes what is
+    over."""
     unit = a_clutch(rotations(), reverse=3.0)
     result = unit.evaluate(turning(500.0, 10.0, 20.0), zp=[0.0], cz=0.001, u=(0.0, 0.5, gear))
     torque = 100.0 if ratio else 0.0
     assert unit.output(result, 'rate') == pytest.approx(500.0 - ratio * 15.0, rel=1e-12)
-    np.testing.assert_allclose(result.f[:4, 5], (torque - ratio * torque, -torque, 0.5 * ratio * torque, 0.5 * ratio * torque), atol=1e-9)
+    np.testing.assert_allclose(
+        result.f[:4, 5], (torque - ratio * torque, -torque, 0.5 * ratio * torque, 0.5 * ratio * torque), atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(
@@ -90,7 +106,8 @@ def test_a_slipping_clutch_gives_its_capacity_times_the_ratio(gear, ratio):
     ],
 )
 def test_an_engine_that_is_turned_backwards_resists(speeds, row, backwards):
-    """No torque below zero at any speed below zero (but within 1 rad/s of a first speed of zero), so it cannot run away backwards."""
+    """No torque below zero at any speed below zero (but within 1 rad/s of a first speed of zero), so it cannot run away
+    backwards."""
     unit = an_engine(rotations(), speeds=speeds, pedals=(0.0,), torques=(row,))
 
     def torque(rate):
@@ -107,11 +124,17 @@ def test_an_engine_that_is_turned_backwards_resists(speeds, row, backwards):
 
 
 def test_an_engine_that_pulls_does_not_drag_below_its_first_speed():
-    """Its torque rises so steeply that its slope meets zero above rest: below its first speed it ends as a parabola. The slope there is
-    (250 5 + 50 0.4)/200 = 6.35 N m s, so that begins at 100 - 20/6.35 rad/s and is 6.35^2/40 times the square of the way from there."""
+    """Its torque rises so steeply that its slope meets zero above rest: below its first speed it ends as a parabola.
+    The slope there is (250 5 + 50 0.4)/200 = 6.35 N m s, so that begins at 100 - 20/6.35 rad/s and is 6.35^2/40 times
+    the square of the way from there."""
     unit = an_engine(rotations(), speeds=(100.0, 150.0, 300.0), pedals=(0.0,), torques=((10.0, 260.0, 200.0),))
     at = np.linspace(-5.0, 100.0, 421)
-    found = np.array([float(unit.output(unit.evaluate(turning(rate, 0.0, 0.0), u=(0.0, 0.0, 0.0)), 'torque')[0]) for rate in at.tolist()])
+    found = np.array(
+        [
+            float(unit.output(unit.evaluate(turning(rate, 0.0, 0.0), u=(0.0, 0.0, 0.0)), 'torque')[0])
+            for rate in at.tolist()
+        ]
+    )
     np.testing.assert_allclose(found, 6.35**2 / 40.0 * np.maximum(at - (100.0 - 20.0 / 6.35), 0.0) ** 2, atol=1e-9)
 
 
@@ -123,7 +146,8 @@ def test_an_engine_gives_what_its_map_says_and_nothing_in_statics():
         assert unit.output(result, 'dissipation') == pytest.approx(-torque * rate)
     context = ContractContext(bodies=4, coordinates=rotations(), inputs=INPUTS)
     table = compile_engines(
-        [EngineSpec(name='e', coordinate='x0', input='pedal', speeds=(0.0, 1.0), pedals=(0.0,), torques=((9.0, 9.0),))], context
+        [EngineSpec(name='e', coordinate='x0', input='pedal', speeds=(0.0, 1.0), pedals=(0.0,), torques=((9.0, 9.0),))],
+        context,
     )
     x, off, laws = context.coordinate_table(), held_engines(table, np.zeros(3)).table, context.laws()
     still = Element(forcing(engine_forces, off, laws, x, np.zeros(3)), context, n=1, outputs=engine_map.OUTPUTS)
@@ -140,8 +164,16 @@ def test_an_engine_gives_what_its_map_says_and_nothing_in_statics():
         (a_clutch, {'stiffness': 0.0}, "Clutch 'c': stiffness"),
         (a_clutch, {'outputs': ()}, "Clutch 'c': outputs"),
         (an_engine, {'speeds': (0.0, 300.0, 100.0)}, r"Engine 'e': speeds\[2\] = 100.0: must be greater"),
-        (an_engine, {'torques': ((1.0, 2.0, 1.0),)}, "Engine 'e': torques = 1: must have one row for each of the 2 pedals"),
-        (an_engine, {'torques': ((1.0, 2.0, 3.0),) * 2}, r"Engine 'e': torques\[0\] = 3.0: must not rise towards the last speed"),
+        (
+            an_engine,
+            {'torques': ((1.0, 2.0, 1.0),)},
+            "Engine 'e': torques = 1: must have one row for each of the 2 pedals",
+        ),
+        (
+            an_engine,
+            {'torques': ((1.0, 2.0, 3.0),) * 2},
+            r"Engine 'e': torques\[0\] = 3.0: must not rise towards the last speed",
+        ),
     ],
 )
 def test_refusals(make, changed, match):

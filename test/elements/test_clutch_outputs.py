@@ -21,11 +21,14 @@ def gearbox(shares, rng=None):
     def marker(body):
         return Marker(body=body) if rng is None else random_marker(rng, body)
 
-    turning = [CoordinateSpec(name=f'x{k}', kind='rotation', i=marker('b0'), j=marker(f'b{k + 1}')) for k in range(BODIES - 1)]
+    turning = [
+        CoordinateSpec(name=f'x{k}', kind='rotation', i=marker('b0'), j=marker(f'b{k + 1}')) for k in range(BODIES - 1)
+    ]
     com = None if rng is None else rng.normal(size=(BODIES, 3))
     context = ContractContext(bodies=BODIES, com=com, coordinates=turning, inputs=('clutch', 'gear'))
     spec = ClutchSpec(
-        name='c', shaft='x0', outputs=tuple((f'x{k + 1}', share) for k, share in enumerate(shares)), ratios=(4.0,), capacity=200.0,
+        name='c', shaft='x0', outputs=tuple((f'x{k + 1}', share) for k, share in enumerate(shares)), ratios=(4.0,),
+        capacity=200.0,
         stiffness=3000.0, damping=5.0, input='clutch', gear='gear',
     )  # fmt: skip
     table, x = compile_clutches([spec], context), context.coordinate_table()
@@ -41,8 +44,8 @@ def test_contract(rng, shares):
 
 
 def test_each_output_gets_its_share_however_fast_it_turns():
-    """Half pressed, 100 N m in a gear of 4: shares of 400 N m; the carrier takes the sum less what the shaft is braked by; what goes in is
-    what comes out and what the clutch heats."""
+    """Half pressed, 100 N m in a gear of 4: shares of 400 N m; the carrier takes the sum less what the shaft is braked
+    by; what goes in is what comes out and what the clutch heats."""
     rates = np.array([500.0, 10.0, -20.0, 30.0, 45.0, 0.0])
     still = ((0, 0, 0), (0, 0, 0))
     unit = gearbox(SHARES)

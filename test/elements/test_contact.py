@@ -27,13 +27,19 @@ def test_rows_and_their_derivatives_are_those_of_the_complex_step(rng, kind, i, 
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_contact_forces_are_opposite_and_do_no_net_moment(rng, kind):
-    rows = Rows(CONTACTS, contact(kind, random_marker(rng, 'b0'), random_marker(rng, 'b1')), com=rng.normal(size=(2, 3)))
+    rows = Rows(
+        CONTACTS, contact(kind, random_marker(rng, 'b0'), random_marker(rng, 'b1')), com=rng.normal(size=(2, 3))
+    )
     check_reactions(rows, random_kinematics(rng, 2), rng.normal(size=rows.n))
 
 
 def test_upright_disc_rolls_forward_with_radius_times_spin_and_leans_onto_its_lowest_point():
-    """Axis along y at a height of 0.4 m: phi = 0, contact below; v_x = 0.4 w_y rolls, 0.1 m/s more slips by 0.1; v_y slips sideways."""
-    disc = Rows(CONTACTS, contact('rolling', Marker(body='world'), Marker(body='b1', orientation=(-np.sqrt(0.5), 0, 0, np.sqrt(0.5)))))
+    """Axis along y at a height of 0.4 m: phi = 0, contact below; v_x = 0.4 w_y rolls, 0.1 m/s more slips by 0.1; v_y
+    slips sideways."""
+    disc = Rows(
+        CONTACTS,
+        contact('rolling', Marker(body='world'), Marker(body='b1', orientation=(-np.sqrt(0.5), 0, 0, np.sqrt(0.5)))),
+    )
     still = ((0, 0, 0), (0, 0, 0))
     for v, slip in (((0.8, 0, 0), (0, 0)), ((0.9, 0, 0), (0.1, 0)), ((0.8, 0.2, 0), (0, 0.2))):
         kin = kinematics([still, ((3, 5, 0.4), (0, 0, 0))], [np.zeros(6), [*v, 0, 2.0, 7.0]])
@@ -47,7 +53,8 @@ def test_upright_disc_rolls_forward_with_radius_times_spin_and_leans_onto_its_lo
 
 
 def test_knife_edge_moves_along_its_blade_only():
-    """Blade along x of the body, turned by 90 deg in the world, 0.5 m ahead of the centre of mass: sideways velocity -v_x + 0.5 w."""
+    """Blade along x of the body, turned by 90 deg in the world, 0.5 m ahead of the centre of mass: sideways velocity
+    -v_x + 0.5 w."""
     edge = Rows(CONTACTS, contact('knife_edge', Marker(body='world'), Marker(body='b1', position=(0.5, 0, 0))))
     kin = kinematics([((0, 0, 0), (0, 0, 0)), ((0, 0, 0), (0, 0, np.pi / 2))], [np.zeros(6), [0.3, 4.0, 0, 0, 0, 2.0]])
     np.testing.assert_allclose(edge.evaluate(kin)[0], [-0.3 + 1.0], atol=1e-15)

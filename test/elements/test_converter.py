@@ -11,7 +11,11 @@ from solver.elements.coordinate import CoordinateSpec
 from solver.elements.marker import Marker
 from solver.errors import SpecError
 
-GIVEN = {'speed_ratios': (0.0, 0.5, 0.85, 1.0), 'torque_ratios': (2.0, 1.5, 1.0, 1.0), 'capacities': (2e-3, 1.9e-3, 1.5e-3, 0.0)}
+GIVEN = {
+    'speed_ratios': (0.0, 0.5, 0.85, 1.0),
+    'torque_ratios': (2.0, 1.5, 1.0, 1.0),
+    'capacities': (2e-3, 1.9e-3, 1.5e-3, 0.0),
+}
 
 
 def rotations(rng=None):
@@ -80,11 +84,15 @@ def test_it_never_gives_power(rng):
         ({'torque_ratios': (2.0, 1.5)}, "Converter 'c': torque_ratios = 2: must be 4 numbers"),
         ({'capacities': (2e-3, 2e-3, 1e-3, 1e-4)}, r"Converter 'c': capacities\[3\] = 0.0001: must be 0"),
         ({'capacities': (0.0, 2e-3, 1e-3, 0.0)}, r"Converter 'c': capacities\[0\] = 0.0: must be > 0"),
-        ({'torque_ratios': (2.0, 1.5, 1.3, 1.0)}, r"Converter 'c': torque_ratios\[2\] = 1.3: times the speed ratio 0.85 must be at most 1"),
+        (
+            {'torque_ratios': (2.0, 1.5, 1.3, 1.0)},
+            r"Converter 'c': torque_ratios\[2\] = 1.3: times the speed ratio 0.85 must be at most 1",
+        ),
         # 0.9 and 1 at its points, and between them a cubic with the slopes -1.0135 and -1.4167: 0.875 times 1.1725
         (
             {'speed_ratios': (0.0, 0.6, 1.0), 'torque_ratios': (2.0, 1.5, 1.0), 'capacities': (2e-3, 1.9e-3, 0.0)},
-            r"Converter 'c': torque_ratios\[2\] = 1.0: with the point before it gives an efficiency of 1.026 at the speed ratio 0.875",
+            r"Converter 'c': torque_ratios\[2\] = 1.0: with the point before it gives an efficiency of 1.026 at the "
+            r'speed ratio 0.875',
         ),
     ],
 )

@@ -25,12 +25,15 @@ def random_coordinate(rng, kind, *, i='b0', j='b1'):
     def marker(body):
         return Marker(body=body, position=rng.normal(size=3), orientation=Rotation.random(random_state=rng).as_quat())
 
-    context = ContractContext(com=rng.normal(size=(2, 3)), coordinates=[CoordinateSpec(name='c', kind=kind, i=marker(i), j=marker(j))])
+    context = ContractContext(
+        com=rng.normal(size=(2, 3)), coordinates=[CoordinateSpec(name='c', kind=kind, i=marker(i), j=marker(j))]
+    )
     return context.coordinate_table(), context
 
 
 def gradient(table, kin, angle):
-    """Value and gradient as (12,) with respect to the variations of b0 and b1 (zeros for a body that is not involved)."""
+    """Value and gradient as (12,) with respect to the variations of b0 and b1 (zeros for a body that is not
+    involved)."""
     x, g_i, g_j = acting(evaluate_coordinate, table)(kin, 0, angle)
     g = np.zeros((3, 6), kin.p.dtype)
     for b, h in zip(table.body[0], (g_i, g_j), strict=True):
@@ -99,7 +102,8 @@ def test_translation_is_along_z_of_marker_i():
 
 @pytest.mark.parametrize('turns', [-3.0, -1.3, -0.5, 0.2, 0.5, 1.7, 12.4])
 def test_rotation_is_counted_past_half_a_turn(turns):
-    """G turned about +z of F by an angle near the reference value gives that angle, not its remainder; +z rate is positive."""
+    """G turned about +z of F by an angle near the reference value gives that angle, not its remainder; +z rate is
+    positive."""
     spec = CoordinateSpec(name='c', kind='rotation', i=Marker(body='b0'), j=Marker(body='b1'))
     table = ContractContext(coordinates=[spec]).coordinate_table()
     angle = 2 * np.pi * turns

@@ -37,7 +37,8 @@ def forces(specs, coordinates, *, bodies=2, inputs=(), com=None):
 
 
 def chassis_coordinates(rng):
-    """Three coordinates between a chassis b0 and b1, b2, and the world: the terms share bodies as in an anti-roll bar."""
+    """Three coordinates between a chassis b0 and b1, b2, and the world: the terms share bodies as in an anti-roll
+    bar."""
     return [
         CoordinateSpec(name='left', kind='rotation', i=random_marker(rng, 'b0'), j=random_marker(rng, 'b1')),
         CoordinateSpec(name='right', kind='rotation', i=random_marker(rng, 'b0'), j=random_marker(rng, 'b2')),
@@ -65,7 +66,9 @@ def test_input_power_is_negative_dissipation(rng):
     rate = element.output(without, 'rate')[0]
     difference = element.output(with_input, 'dissipation')[0] - element.output(without, 'dissipation')[0]
     assert difference == pytest.approx(6.0 * rate, rel=1e-12)
-    assert element.output(with_input, 'force')[0] - element.output(without, 'force')[0] == pytest.approx(-6.0, rel=1e-12)
+    assert element.output(with_input, 'force')[0] - element.output(without, 'force')[0] == pytest.approx(
+        -6.0, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -73,9 +76,15 @@ def test_input_power_is_negative_dissipation(rng):
     [(60, 19.0, 1.0), (60, 19.5, 0.5), (60, 20.0, 0.0), (60, 30.0, 0.0), (60, -30.0, 1.0), (-60, -19.75, 0.15625)],
 )
 def test_limiter_ends_the_drive_at_the_top_rate(torque, rate, share):
-    """20 rad/s: full torque up to 19 rad/s, a cubic to zero at 20, in both directions; a braking torque is never limited."""
+    """20 rad/s: full torque up to 19 rad/s, a cubic to zero at 20, in both directions; a braking torque is never
+    limited."""
     c = CoordinateSpec(name='a', kind='rotation', i=Marker(body='world'), j=Marker(body='b0'))
-    element = forces([CoordinateForceSpec(name='c', terms=(('a', 1.0),), input='drive', top_rate=20.0)], [c], bodies=1, inputs=('drive',))
+    element = forces(
+        [CoordinateForceSpec(name='c', terms=(('a', 1.0),), input='drive', top_rate=20.0)],
+        [c],
+        bodies=1,
+        inputs=('drive',),
+    )
     kin = kinematics([((0, 0, 0), (0, 0, 0.4))], [[0, 0, 0, 0, 0, rate]])
     assert element.output(element.evaluate(kin, u=[torque]), 'force')[0] == pytest.approx(torque * share, abs=1e-12)
     check_power_balance(element, kin, u=[torque])
@@ -95,18 +104,26 @@ def test_limiter_has_exact_tangents(rng, damper):
 
 
 def test_torsional_spring_turns_back():
-    """0.4 rad about z beyond a free angle of 0.1 at 50 N m/rad, turning at 2 rad/s at 3 N m s/rad: Q = -15 - 6 = -21 N m on j."""
+    """0.4 rad about z beyond a free angle of 0.1 at 50 N m/rad, turning at 2 rad/s at 3 N m s/rad: Q = -15 - 6 = -21 N
+    m on j."""
     c = CoordinateSpec(name='a', kind='rotation', i=Marker(body='b0'), j=Marker(body='b1'))
-    spec = CoordinateForceSpec(name='c', terms=(('a', 1.0),), spring=Law.linear(50.0), damper=Law.linear(3.0), reference=0.1)
+    spec = CoordinateForceSpec(
+        name='c', terms=(('a', 1.0),), spring=Law.linear(50.0), damper=Law.linear(3.0), reference=0.1
+    )
     element = forces([spec], [c])
-    result = element.evaluate(kinematics([((0, 0, 0), (0, 0, 0)), ((1, 0, 0), (0, 0, 0.4))], [[0] * 6, [0, 0, 0, 0, 0, 2.0]]))
+    result = element.evaluate(
+        kinematics([((0, 0, 0), (0, 0, 0)), ((1, 0, 0), (0, 0, 0.4))], [[0] * 6, [0, 0, 0, 0, 0, 2.0]])
+    )
     np.testing.assert_allclose(result.f[:2], [[0, 0, 0, 0, 0, 21], [0, 0, 0, 0, 0, -21]], atol=1e-12)
     np.testing.assert_allclose(result.out[0], [0.5 * 50 * 0.3**2, 12.0, 0.4, 2.0, -21.0], atol=1e-12)
 
 
 def test_anti_roll_bar_opposes_opposite_motion_only():
     """Terms +1, -1 at 100 N m/rad: (0.2, 0.2) rad gives nothing; (0.2, -0.1) rad gives -30 and +30 N m."""
-    coordinates = [CoordinateSpec(name=n, kind='rotation', i=Marker(body='world'), j=Marker(body=b)) for n, b in (('l', 'b0'), ('r', 'b1'))]
+    coordinates = [
+        CoordinateSpec(name=n, kind='rotation', i=Marker(body='world'), j=Marker(body=b))
+        for n, b in (('l', 'b0'), ('r', 'b1'))
+    ]
     spec = CoordinateForceSpec(name='bar', terms=(('l', 1.0), ('r', -1.0)), spring=Law.linear(100.0))
     element = forces([spec], coordinates)
     equal = element.evaluate(kinematics([((0, 0, 0), (0, 0, 0.2)), ((0, 1, 0), (0, 0, 0.2))]))

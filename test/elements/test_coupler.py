@@ -18,7 +18,8 @@ ANGLE = np.zeros(3)
 
 
 def coordinates(rng):
-    """A rotation and two translations between a chassis b0, b1, b2 and the world: terms share bodies, as in a differential."""
+    """A rotation and two translations between a chassis b0, b1, b2 and the world: terms share bodies, as in a
+    differential."""
 
     def marker(body):
         return Marker(body=body, position=rng.normal(size=3), orientation=Rotation.random(random_state=rng).as_quat())
@@ -36,8 +37,13 @@ class Row:
     def __init__(self, specs, terms, offset=0.0, channel=None) -> None:
         context = ContractContext(bodies=BODIES, coordinates=specs, inputs=('other', 'u', 'u_rate', 'u_acceleration'))
         x = context.coordinate_table()
-        self.table = compile_couplers([CouplerSpec(name='row', terms=tuple(terms), offset=offset, input=channel)], context)
-        self.residuals, self.hessians = acting(evaluate_couplers, self.table, x), acting(add_coupler_hessians, self.table, x)
+        self.table = compile_couplers(
+            [CouplerSpec(name='row', terms=tuple(terms), offset=offset, input=channel)], context
+        )
+        self.residuals, self.hessians = (
+            acting(evaluate_couplers, self.table, x),
+            acting(add_coupler_hessians, self.table, x),
+        )
 
     def evaluate(self, kin, u=()):
         phi = np.full(1, np.nan, kin.p.dtype)
@@ -74,7 +80,8 @@ def test_jacobian_and_geometric_stiffness_are_the_complex_step_derivatives(rng, 
 
 
 def test_rack_and_pinion_closes_at_its_ratio():
-    """x - 0.05 m/rad * angle = offset: 0.4 rad and 0.02 m close it, a lever of 1 N on the rack is 0.05 N m on the pinion."""
+    """x - 0.05 m/rad * angle = offset: 0.4 rad and 0.02 m close it, a lever of 1 N on the rack is 0.05 N m on the
+    pinion."""
     specs = [
         CoordinateSpec(name='angle', kind='rotation', i=Marker(body='world'), j=Marker(body='b0')),
         CoordinateSpec(name='x', kind='translation', i=Marker(body='world'), j=Marker(body='b1')),

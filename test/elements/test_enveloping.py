@@ -1,4 +1,5 @@
-"""The effective road of a tire: cams, two-point follower, a force with a potential, and obstacles as they are met in driving."""
+"""The effective road of a tire: cams, two-point follower, a force with a potential, and obstacles as they are met in
+driving."""
 
 from __future__ import annotations
 
@@ -127,8 +128,12 @@ def test_auto_envelops_edges_and_leaves_smooth_roads() -> None:
 
 
 def test_an_effective_road_that_is_too_large_is_refused() -> None:
-    grid = HeightGrid(origin=(0.0, 0.0), step=(10.0, 10.0), height=((0.0, 0.0, 0.0), (0.0, 5.0, 0.0), (0.0, 0.0, 1.0)) * 40)
-    with pytest.raises(SpecError, match=r'road that the tires make of it has \d+ nodes: take a smaller grid, or contact: point'):
+    grid = HeightGrid(
+        origin=(0.0, 0.0), step=(10.0, 10.0), height=((0.0, 0.0, 0.0), (0.0, 5.0, 0.0), (0.0, 0.0, 1.0)) * 40
+    )
+    with pytest.raises(
+        SpecError, match=r'road that the tires make of it has \d+ nodes: take a smaller grid, or contact: point'
+    ):
         compile_road(RoadSpec(grids=(grid,), contact='enveloping'), TIRE)
 
 
@@ -159,7 +164,10 @@ def test_auto_touches_what_is_too_large_to_be_enveloped_at_a_point_and_tells_it(
     """It was refused under `auto` too; asked for, it still is."""
     road = RoadSpec(grids=(obstacle(0.05, 1.0, 1.05),))
     assert envelops(road, TIRE) == (False,)
-    assert re.fullmatch(r'the road that the tires make of it would have \d+ nodes \(at most 100 nodes .*\)', too_large(road.grids[0], TIRE))
+    assert re.fullmatch(
+        r'the road that the tires make of it would have \d+ nodes \(at most 100 nodes .*\)',
+        too_large(road.grids[0], TIRE),
+    )
     assert compile_road(road, TIRE).enveloping[0] == 0.0
     with pytest.raises(SpecError, match='contact: point'):
         compile_road(RoadSpec(grids=road.grids, contact='enveloping'), TIRE)
@@ -176,9 +184,16 @@ def drive(kind: str, h: float, contact: str = 'auto', duration: float = 1.2) -> 
     height, length, speed = OBSTACLES[kind]
     grid = obstacle(height, 0.5, 0.5 + length)
     heights = [list(row) for row in grid.height]
-    road = f'road={{contact: {contact}, grids: [{{kind: height_grid, origin: [2.5, -4], step: [0.005, 8], height: {heights}}}]}}'
+    road = (
+        f'road={{contact: {contact}, grids: [{{kind: height_grid, origin: [2.5, -4], step: [0.005, 8], height: '
+        f'{heights}}}]}}'
+    )
     start = f'start={{kind: equilibrium, speed_kmh: {speed}}}'
-    sim = Simulation(load_scene('light_car_straight', [road, start, f'integrator.h={h}', f'duration={duration}', 'maneuver={name: coast}']))
+    sim = Simulation(
+        load_scene(
+            'light_car_straight', [road, start, f'integrator.h={h}', f'duration={duration}', 'maneuver={name: coast}']
+        )
+    )
     loads = []
     for _ in range(sim.scene.steps):
         sim.advance(1, audit=True)
@@ -191,7 +206,8 @@ def drive(kind: str, h: float, contact: str = 'auto', duration: float = 1.2) -> 
     ('kind', 'low', 'high'), [('strip', 10e3, 25e3), ('pothole', 10e3, 25e3), ('kerb', 10e3, 25e3), ('cleat', 5e3, 8e3)]
 )
 def test_obstacles_are_crossed_with_loads_that_converge(kind: str, low: float, high: float) -> None:
-    """10 to 25 kN at a wheel at 20 km/h; within 2 % at half the step, and the energy account closes a quarter as far off."""
+    """10 to 25 kN at a wheel at 20 km/h; within 2 % at half the step, and the energy account closes a quarter as far
+    off."""
     coarse, peak = drive(kind, 1e-3)
     fine, converged = drive(kind, 5e-4)
     assert low < converged < high

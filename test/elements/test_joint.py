@@ -45,7 +45,8 @@ CLOSED = {'distance': ((0.7, 0, 0), (0, 0, 0)), 'perpendicular': ((0, 0, 0), (np
 
 
 def closed(rng, kind):
-    """A joint of two randomly placed bodies that closes it: (rows, kinematics, axes of F in the world, position of G in the world)."""
+    """A joint of two randomly placed bodies that closes it: (rows, kinematics, axes of F in the world, position of G in
+    the world)."""
     F, G = random_marker(rng, 'b0'), random_marker(rng, 'b1')
     kin = random_kinematics(rng, 2)
     R_F = kin.R[0] @ Rotation.from_quat(F.orientation).as_matrix()
@@ -80,7 +81,8 @@ def test_reactions_of_a_closed_joint_are_opposite_and_do_no_net_moment(rng, kind
 
 
 def test_constant_velocity_joint_turns_both_shafts_alike(rng):
-    """Shafts bent by up to 1 rad, each turned about its own axis by the same angle: closed at every angle (a universal joint is not)."""
+    """Shafts bent by up to 1 rad, each turned about its own axis by the same angle: closed at every angle (a universal
+    joint is not)."""
     F, G = Marker(body='b0'), Marker(body='b1')
     bend = Rotation.from_rotvec([0.6, -0.8, 0.0])
     for angle in np.linspace(0.0, 2 * np.pi, 9):
@@ -93,7 +95,8 @@ def test_constant_velocity_joint_turns_both_shafts_alike(rng):
 
 
 def test_positive_multiplier_pushes_towards_larger_residuals():
-    """G 0.1 m ahead of F along x: phi_x of a revolute and of a distance joint is +0.1; lam = 2 N pulls b1 along +x, b0 along -x."""
+    """G 0.1 m ahead of F along x: phi_x of a revolute and of a distance joint is +0.1; lam = 2 N pulls b1 along +x, b0
+    along -x."""
     kin = kinematics([((0, 0, 0), (0, 0, 0)), ((0.8, 0, 0), (0, 0, 0))])
     for kind, position in (('revolute', (0.7, 0, 0)), ('distance', (0, 0, 0))):
         rows = Rows(JOINTS, joint(kind, Marker(body='b0', position=position), Marker(body='b1')))

@@ -54,7 +54,9 @@ def test_table_does_not_overshoot():
         assert y.max() <= max(a[1], b[1]) + 1e-12
 
 
-@pytest.mark.parametrize('law', [Law.linear(3.0), Law.table(POINTS), Law.table(POINTS[:2])], ids=['linear', 'table', 'two points'])
+@pytest.mark.parametrize(
+    'law', [Law.linear(3.0), Law.table(POINTS), Law.table(POINTS[:2])], ids=['linear', 'table', 'two points']
+)
 def test_slope_and_integral_belong_to_the_value(law):
     """Slope is the complex-step derivative of the value, the value that of the integral, which vanishes at 0."""
     table = compile_laws([law])
@@ -66,7 +68,8 @@ def test_slope_and_integral_belong_to_the_value(law):
 
 
 def test_law_is_once_continuously_differentiable():
-    """Value, slope and integral have no jump at any knot: 1e-9 beside it they differ by the next derivative times 2e-9."""
+    """Value, slope and integral have no jump at any knot: 1e-9 beside it they differ by the next derivative times
+    2e-9."""
     law = Law.table(POINTS)
     for knot in np.array(POINTS)[:, 0]:
         left, right = evaluate(law, [knot - 1e-9, knot + 1e-9]).T
@@ -100,11 +103,14 @@ def test_a_geared_law_is_felt_by_its_lever(factor):
     law = Law.table(POINTS)
     x = np.linspace(-4.0, 4.0, 41)
     y, slope, area = evaluate(law, factor * x)
-    np.testing.assert_allclose(evaluate(geared(law, factor), x), [factor * y, factor * factor * slope, area], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        evaluate(geared(law, factor), x), [factor * y, factor * factor * slope, area], rtol=0, atol=1e-12
+    )
 
 
 def test_a_sum_of_laws_is_exact():
-    """Tables on other knots, one of them a straight line: value, slope and integral are the sums, inside and beyond all knots."""
+    """Tables on other knots, one of them a straight line: value, slope and integral are the sums, inside and beyond all
+    knots."""
     laws = [Law.table(POINTS), Law.linear(-0.7), Law.table([[-1.0, 2.0], [0.1, 2.5], [4.0, 3.0]])]
     x = np.linspace(-4.0, 6.0, 101)
     np.testing.assert_allclose(evaluate(sum_of(laws), x), sum(evaluate(law, x) for law in laws), rtol=0, atol=1e-12)

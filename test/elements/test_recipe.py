@@ -1,7 +1,8 @@
-"""The recipe of docs/contributing.md, followed to the letter: a new force element and a new constraint are one file and one entry each.
+"""The recipe of docs/contributing.md, followed to the letter: a new force element and a new constraint are one file and
+one entry each.
 
-They are put into a copy of the program, which then knows them everywhere: files, outputs, energy, balances, references, save and
-restore, recordings. Whoever forgets the entry, or a part of the contract, is told at once.
+They are put into a copy of the program, which then knows them everywhere: files, outputs, energy, balances, references,
+save and restore, recordings. Whoever forgets the entry, or a part of the contract, is told at once.
 """
 
 from __future__ import annotations
@@ -73,7 +74,8 @@ def program(directory: Path, *, entries=(FORCE_ENTRY, CONSTRAINT_ENTRY)) -> Path
 @pytest.mark.long
 @pytest.mark.slow
 def test_a_kind_that_follows_the_recipe_is_known_everywhere(tmp_path):
-    """Position: the closed form of a force with a lag; x to second order of the method, 1e-6 m at 1 ms; the reaction is the weight."""
+    """Position: the closed form of a force with a lag; x to second order of the method, 1e-6 m at 1 ms; the reaction is
+    the weight."""
     directory = program(tmp_path)
     done = run_there(directory, '-c', PROGRAM, 'scene.yaml', str(directory), MBD_CACHE_DIR=str(tmp_path / 'cache'))
     assert done.returncode == 0, done.stderr
@@ -113,7 +115,9 @@ def test_the_test_that_comes_with_the_element_passes(tmp_path):
     shutil.copy(RECIPE / 'test_pusher.py', test)
     shutil.copy(ROOT / 'test' / 'conftest.py', test.parents[1])
     shutil.copytree(ROOT / 'test' / 'support', tmp_path / 'test' / 'support')
-    done = run_there(directory, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', str(test), MBD_CACHE_DIR=str(tmp_path / 'cache'))
+    done = run_there(
+        directory, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', str(test), MBD_CACHE_DIR=str(tmp_path / 'cache')
+    )
     assert done.returncode == 0, done.stdout
     assert '4 passed' in done.stdout
 
@@ -131,7 +135,12 @@ def test_a_forgotten_entry_is_an_error_with_a_name(tmp_path, kept):
 
 BROKEN = (
     ('pusher', 'now, effects, out', 'now, out', 'must have the arguments'),
-    ('pusher', "'energy': 'J', 'dissipation': 'W'", "'dissipation': 'W', 'energy': 'J'", 'the first two outputs must be energy'),
+    (
+        'pusher',
+        "'energy': 'J', 'dissipation': 'W'",
+        "'dissipation': 'W', 'energy': 'J'",
+        'the first two outputs must be energy',
+    ),
     ('pusher', 'supplies=True', "effort='torque'", "effort = 'torque' is no output"),
     ('pusher', "name='pushers'", "name='bushings'", "the name 'bushings' is used twice"),
     ('pusher', 'supplies=True', 'wheels=True', 'wheels must come last'),
@@ -162,8 +171,8 @@ print(json.dumps(said))
 
 @pytest.fixture(scope='module')
 def refusals(tmp_path_factory):
-    """What the import of the registry says: as the recipe has it, and with each of BROKEN. All in one process, without byte code, whose
-    age is told in seconds."""
+    """What the import of the registry says: as the recipe has it, and with each of BROKEN. All in one process, without
+    byte code, whose age is told in seconds."""
     directory = program(tmp_path_factory.mktemp('broken'))
     done = run_there(directory, '-B', '-c', IMPORTS, json.dumps(BROKEN))
     assert done.returncode == 0, done.stderr

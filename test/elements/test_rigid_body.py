@@ -25,7 +25,9 @@ def bodies(specs, gravity=(0.0, 0.0, -9.81)):
 
 def test_contract(rng):
     """Tangents are exact; calls are pure."""
-    element = bodies([RigidBodySpec(name='b0', mass=3.0, inertia=INERTIA), RigidBodySpec(name='b1', mass=1.0, inertia=INERTIA)])
+    element = bodies(
+        [RigidBodySpec(name='b0', mass=3.0, inertia=INERTIA), RigidBodySpec(name='b1', mass=1.0, inertia=INERTIA)]
+    )
     kin = random_kinematics(rng, 2)
     check_purity(element, kin)
     check_tangents(element, kin)
@@ -44,7 +46,8 @@ def test_gyroscopic_torque_does_no_work_and_conserves_momentum(rng):
 
 
 def test_weight_and_gyroscopic_torque_of_a_spinning_wheel():
-    """Wheel J = diag(1, 2, 1) spinning at 50 rad/s about y and yawing at 1 rad/s about z: -w x Jw = (50*1 - 1*100, 0, 0)*-1."""
+    """Wheel J = diag(1, 2, 1) spinning at 50 rad/s about y and yawing at 1 rad/s about z: -w x Jw = (50*1 - 1*100, 0,
+    0)*-1."""
     element = bodies([RigidBodySpec(name='b0', mass=3.0, inertia=(1, 2, 1, 0, 0, 0))])
     result = element.evaluate(kinematics([((0, 0, 0), (0.3, 0.2, 0.1))], [[1, 2, 3, 0, 50, 1]]))
     np.testing.assert_allclose(result.f[0], [0, 0, -29.43, 50, 0, 0], atol=1e-12)

@@ -18,7 +18,11 @@ def dual_road(road, x, y):
     """Height, normal z and friction with derivatives along x (0) and y (1)."""
     h, n, mu = road_at(road, variable(x, 0), variable(y, 1))
     z = n[2]
-    return (h.real, z.real, mu.real), (partial(h, 0), partial(z, 0), partial(mu, 0)), (partial(h, 1), partial(z, 1), partial(mu, 1))
+    return (
+        (h.real, z.real, mu.real),
+        (partial(h, 0), partial(z, 0), partial(mu, 0)),
+        (partial(h, 1), partial(z, 1), partial(mu, 1)),
+    )
 
 
 def bumpy() -> RoadSpec:
@@ -55,7 +59,9 @@ def test_grid_is_interpolated_at_every_node_and_constant_beyond() -> None:
         for j in range(5):
             assert at(0.3 * i, 0.2 * j) == pytest.approx(height[i, j], abs=1e-13)
     for j in range(5):  # as high as at the border
-        assert at(-50.0, 0.2 * j) == pytest.approx(at(-0.6, 0.2 * j), abs=1e-13) == pytest.approx(height[0, j], abs=1e-13)
+        assert (
+            at(-50.0, 0.2 * j) == pytest.approx(at(-0.6, 0.2 * j), abs=1e-13) == pytest.approx(height[0, j], abs=1e-13)
+        )
     for i in range(6):
         assert at(0.3 * i, 50.0) == pytest.approx(at(0.3 * i, 1.2), abs=1e-13) == pytest.approx(height[i, 4], abs=1e-13)
     assert at(1e9, 1e9) == pytest.approx(height[5, 4], abs=1e-13)
@@ -81,8 +87,11 @@ def test_slopes_curvature_and_duals_are_derivatives(x: float, y: float) -> None:
 
 
 def test_surface_and_curvature_are_continuous_across_cells() -> None:
-    """Both sides of a cell border, 1e-9 m apart, agree in height, slope and curvature (third derivatives are below 100/m^2)."""
-    road = compile_road(RoadSpec(grids=(HeightGrid(origin=(0, 0), step=(0.1, 0.1), height=((0, 0, 0), (0, 0.05, 0.01), (0, 0, 0.02))),)))
+    """Both sides of a cell border, 1e-9 m apart, agree in height, slope and curvature (third derivatives are below
+    100/m^2)."""
+    road = compile_road(
+        RoadSpec(grids=(HeightGrid(origin=(0, 0), step=(0.1, 0.1), height=((0, 0, 0), (0, 0.05, 0.01), (0, 0, 0.02))),))
+    )
     for edge in (-0.1, 0.0, 0.1, 0.2, 0.3):
         for other in (-0.03, 0.07, 0.13):
             for point in ((edge, other), (other, edge)):
@@ -91,7 +100,9 @@ def test_surface_and_curvature_are_continuous_across_cells() -> None:
 
 
 def test_friction_patch_blends_from_outside_to_inside() -> None:
-    road = compile_road(RoadSpec(friction=0.9, patches=(FrictionPatch(center=(10.0, 0.0), size=(4.0, 2.0), factor=0.5, blend=0.2),)))
+    road = compile_road(
+        RoadSpec(friction=0.9, patches=(FrictionPatch(center=(10.0, 0.0), size=(4.0, 2.0), factor=0.5, blend=0.2),))
+    )
     assert road_at(road, 10.0, 0.0)[2] == pytest.approx(0.45)
     assert road_at(road, 7.0, 0.0)[2] == pytest.approx(0.9)
     assert road_at(road, 8.0, 0.0)[2] == pytest.approx(0.9 * 0.75)  # half way on the edge
@@ -100,7 +111,8 @@ def test_friction_patch_blends_from_outside_to_inside() -> None:
 
 
 def test_friction_over_an_edge_changes_as_steeply_as_for_a_contact_patch() -> None:
-    """A sharp edge under a contact patch of 106 mm ([Pacejka2012] table 9.1): the part behind the edge grows by 1/0.106 per metre."""
+    """A sharp edge under a contact patch of 106 mm ([Pacejka2012] table 9.1): the part behind the edge grows by 1/0.106
+    per metre."""
     road = compile_road(RoadSpec(patches=(FrictionPatch(center=(10.0, 0.0), size=(4.0, 2.0), factor=0.5),)))
     x = np.linspace(7.8, 8.2, 4001)
     friction = np.array([road_at(road, float(place), 0.0)[2] for place in x])
@@ -109,11 +121,14 @@ def test_friction_over_an_edge_changes_as_steeply_as_for_a_contact_patch() -> No
 
 
 def test_random_road_has_the_iso_8608_spectrum_and_repeats() -> None:
-    """Mean of the periodogram over 3 octaves of a 2 km road: 64 e-6 m^3 (0.1 n)^-2 for class B, to 4 standard deviations of the mean."""
+    """Mean of the periodogram over 3 octaves of a 2 km road: 64 e-6 m^3 (0.1 n)^-2 for class B, to 4 standard
+    deviations of the mean."""
     spec = RandomRoad(origin=(0, 0), length=2000.0, width=1.0, quality='B', seed=11, step=(0.1, 1.0), ramp=0.1)
     height = np.array(spec.expand().height)
     assert spec.expand() == spec.expand()
-    assert spec.expand() != RandomRoad(**{**{f: getattr(spec, f) for f in spec.__dataclass_fields__}, 'seed': 12}).expand()
+    assert (
+        spec.expand() != RandomRoad(**{**{f: getattr(spec, f) for f in spec.__dataclass_fields__}, 'seed': 12}).expand()
+    )
     n = np.fft.rfftfreq(len(height), 0.1)
     for track in height.T:
         density = 2.0 * np.abs(np.fft.rfft(track)) ** 2 * 0.1 / len(height)
@@ -123,14 +138,19 @@ def test_random_road_has_the_iso_8608_spectrum_and_repeats() -> None:
 
 
 def test_neighbouring_tracks_have_the_stated_coherence() -> None:
-    """Coherence exp(-2 pi c n y) at 0.05 to 0.4 cycles/m between tracks 1.5 m apart, measured over the bands of a 4 km road."""
-    spec = RandomRoad(origin=(0, 0), length=4000.0, width=1.5, quality='C', seed=3, step=(0.1, 0.5), coherence=0.7, ramp=0.1)
+    """Coherence exp(-2 pi c n y) at 0.05 to 0.4 cycles/m between tracks 1.5 m apart, measured over the bands of a 4 km
+    road."""
+    spec = RandomRoad(
+        origin=(0, 0), length=4000.0, width=1.5, quality='C', seed=3, step=(0.1, 0.5), coherence=0.7, ramp=0.1
+    )
     height = np.array(spec.expand().height)
     a, b = np.fft.rfft(height[:, 0]), np.fft.rfft(height[:, 3])
     n = np.fft.rfftfreq(len(height), 0.1)
     for low, high in ((0.03, 0.06), (0.1, 0.2), (0.25, 0.4)):
         band = (n > low) & (n < high)
-        measured = abs((a[band] * b[band].conj()).sum()) / np.sqrt((abs(a[band]) ** 2).sum() * (abs(b[band]) ** 2).sum())
+        measured = abs((a[band] * b[band].conj()).sum()) / np.sqrt(
+            (abs(a[band]) ** 2).sum() * (abs(b[band]) ** 2).sum()
+        )
         weight = n[band] ** -2.0
         expected = (weight * np.exp(-2 * np.pi * 0.7 * 1.5 * n[band])).sum() / weight.sum()
         assert measured == pytest.approx(expected, abs=4.0 / np.sqrt(band.sum()))

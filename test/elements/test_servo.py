@@ -25,7 +25,8 @@ ALONG_Y = (-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 
 
 def servo(given, *, com=None, **changed):
-    """A servo on the rack b1 of a chassis b0, with the wind-up between the rack and a wheel b2; the speed is that of b0."""
+    """A servo on the rack b1 of a chassis b0, with the wind-up between the rack and a wheel b2; the speed is that of
+    b0."""
     data = {
         'terms': (('rack', -2.0), ('wheel', 1.0)),
         'stiffness': 3.0,
@@ -53,7 +54,8 @@ def test_contract(rng, limit, factor):
     """Speeds within the map, forwards and backwards; below, across and above the limit; both senses of the mesh."""
     given = coordinates(rng)
     element = servo(
-        given, com=rng.normal(size=(3, 3)), terms=(('rack', factor), ('wheel', 0.8)), marker=random_marker(rng, 'b0'), damping=0.7,
+        given, com=rng.normal(size=(3, 3)), terms=(('rack', factor), ('wheel', 0.8)), marker=random_marker(rng, 'b0'),
+        damping=0.7,
         harmonics=(0.2, -0.15, 0.05, 0.03), limit=limit,
         speeds=(0.0, 0.8, 2.0), torques=(1.0, 4.0, 9.0), forces=((0.5, 3.0, 7.0), (0.3, 2.0, 5.0), (0.1, 1.0, 2.0)),
     )  # fmt: skip
@@ -64,14 +66,20 @@ def test_contract(rng, limit, factor):
 def straight():
     """Rack along y, steering wheel about z, both on b0."""
     return [
-        CoordinateSpec(name='rack', kind='translation', i=Marker(body='b0', orientation=ALONG_Y), j=Marker(body='b1', orientation=ALONG_Y)),
+        CoordinateSpec(
+            name='rack',
+            kind='translation',
+            i=Marker(body='b0', orientation=ALONG_Y),
+            j=Marker(body='b1', orientation=ALONG_Y),
+        ),
         CoordinateSpec(name='wheel', kind='rotation', i=Marker(body='b0'), j=Marker(body='b2')),
     ]
 
 
 def at(wheel, rack, speed):
     return kinematics(
-        [((0, 0, 0), (0, 0, 0)), ((0, rack, 0), (0, 0, 0)), ((0, 0, 0), (0, 0, wheel))], [[speed, 0.0, 0.0, 0.0, 0.0, 0.0]] * 3
+        [((0, 0, 0), (0, 0, 0)), ((0, rack, 0), (0, 0, 0)), ((0, 0, 0), (0, 0, wheel))],
+        [[speed, 0.0, 0.0, 0.0, 0.0, 0.0]] * 3,
     )
 
 
@@ -79,7 +87,9 @@ def test_without_help_it_is_a_transmission(rng):
     """A motor whose map has no force: the same forces, tangents and first outputs, to the rounding of linear laws."""
     given, com = coordinates(rng), rng.normal(size=(3, 3))
     terms, harmonics = (('rack', -1.7), ('wheel', 0.8)), (0.2, -0.15, 0.05, 0.03)
-    element = servo(given, com=com, terms=terms, harmonics=harmonics, damping=0.7, speeds=(0.0,), torques=(1.0,), forces=((0.0,),))
+    element = servo(
+        given, com=com, terms=terms, harmonics=harmonics, damping=0.7, speeds=(0.0,), torques=(1.0,), forces=((0.0,),)
+    )
     context = ContractContext(bodies=3, com=com, coordinates=given)
     spec = TransmissionSpec(name='t', terms=terms, harmonics=harmonics, spring=Law.linear(3.0), damper=Law.linear(0.7))
     table, x, angle = compile_transmissions([spec], context), context.coordinate_table(), np.zeros(2)
@@ -96,8 +106,9 @@ def test_without_help_it_is_a_transmission(rng):
 @pytest.mark.parametrize('sense', [1.0, -1.0])
 @pytest.mark.parametrize('turned', [1.0, -1.0])
 def test_the_motor_gets_what_the_map_says(speed, sense, turned):
-    """Wind-up of sense * 1 rad at 1.5 N m/rad and 6 rad/s at 0.25 N m s/rad: a torque of 3 N m; half way between 10 and 30 m/s; the motor
-    after one stage of 0.02 s with a lag of 0.01 s. A mesh whose terms have the other signs pushes and helps the same way."""
+    """Wind-up of sense * 1 rad at 1.5 N m/rad and 6 rad/s at 0.25 N m s/rad: a torque of 3 N m; half way between 10 and
+    30 m/s; the motor after one stage of 0.02 s with a lag of 0.01 s. A mesh whose terms have the other signs pushes and
+    helps the same way."""
     element = servo(straight(), terms=(('rack', -2.0 * turned), ('wheel', turned)), stiffness=1.5, damping=0.25)
     kin = at(0.6 * sense, -0.2 * sense, speed)
     kin.v[1, 1] = -3.0 * sense
@@ -140,7 +151,10 @@ def test_at_a_speed_it_is_the_same_without_the_others():
     [
         ({'lag': 0.0}, "Servo 's': lag = 0.0"),
         ({'limit': -1.0}, "Servo 's': limit"),
-        ({'speeds': (0.0, 30.0, 10.0)}, r"Servo 's': speeds\[2\] = 10.0: must be greater than the one before it \(30\)"),
+        (
+            {'speeds': (0.0, 30.0, 10.0)},
+            r"Servo 's': speeds\[2\] = 10.0: must be greater than the one before it \(30\)",
+        ),
         ({'torques': (0.0, 3.0, 5.0)}, r"Servo 's': torques\[0\]"),
         ({'torques': (1.0, 3.0)}, r"Servo 's': forces\[0\] = 3: must have one value for each of the 2 torques"),
         ({'forces': ((1.0, 2.0, 3.0),)}, "Servo 's': forces = 1: must have one row for each of the 3 speeds"),

@@ -36,7 +36,8 @@ def test_contract(rng, other):
 
 
 def test_tension_pulls_the_points_together():
-    """Stretched by 0.5 m at 40 N/m and lengthened at 3 m/s with 2 N s/m: 26 N of tension, and the torque of its lever arm."""
+    """Stretched by 0.5 m at 40 N/m and lengthened at 3 m/s with 2 N s/m: 26 N of tension, and the torque of its lever
+    arm."""
     spec = SpringDamperSpec(
         name='s', i=Marker(body='b0', position=(0.0, 0.2, 0.0)), j=Marker(body='b1'),
         free_length=1.5, spring=Law.linear(40.0), damper=Law.linear(2.0),

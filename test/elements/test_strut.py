@@ -1,4 +1,5 @@
-"""Struts: a damper in a row with a rubber mount, against hand-computed cases and against a small mass between the two."""
+"""Struts: a damper in a row with a rubber mount, against hand-computed cases and against a small mass between the
+two."""
 
 from __future__ import annotations
 
@@ -25,10 +26,12 @@ def struts(specs, *, bodies=2, com=None):
 
 @pytest.mark.parametrize('other', ['b1', 'world'])
 def test_contract(rng, other):
-    """Tangents with the mount's state eliminated, action = reaction, power balance, purity; with steep knees in every law."""
+    """Tangents with the mount's state eliminated, action = reaction, power balance, purity; with steep knees in every
+    law."""
     spec = StrutSpec(
         name='s', i=Marker(body='b0', position=rng.normal(size=3)), j=Marker(body=other, position=rng.normal(size=3)),
-        free_length=1.7, spring=Law((-0.3,), (0.0,), (400.0,)), stops=STOPS, damper=DAMPER, mount=MOUNT, mount_damping=300.0,
+        free_length=1.7, spring=Law((-0.3,), (0.0,), (400.0,)), stops=STOPS, damper=DAMPER, mount=MOUNT,
+        mount_damping=300.0,
     )  # fmt: skip
     reverse = spec.replace(name='r', i=spec.j, j=spec.i, free_length=2.5, spring=None)
     element = struts([spec, reverse], com=rng.normal(size=(2, 3)))
@@ -55,7 +58,8 @@ def test_spring_and_mount_share_a_stretch_by_their_softness():
 
 
 def test_a_quick_motion_is_shared_by_damper_and_mount():
-    """With the mount's extension held at 0.01 m: 12 N and 5 N s/m times its rate w balance 20 N s/m times (3 m/s - w): w = 1.92 m/s."""
+    """With the mount's extension held at 0.01 m: 12 N and 5 N s/m times its rate w balance 20 N s/m times (3 m/s - w):
+    w = 1.92 m/s."""
     spec = StrutSpec(
         name='s',
         i=Marker(body='b0'),

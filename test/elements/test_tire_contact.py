@@ -1,4 +1,5 @@
-"""The tire element: the contract of force elements, contact frame, signs by hand, and what it does when it should do nothing."""
+"""The tire element: the contract of force elements, contact frame, signs by hand, and what it does when it should do
+nothing."""
 
 from __future__ import annotations
 
@@ -28,8 +29,14 @@ STATES = {
     'touching down': (dict(position=(0.0, 0.0, 0.3164), velocity=(9.0, 0.0, -0.5), spin=30.0), (0.001, 0.001)),
     'flying': (dict(position=(0.0, 0.0, 0.5), velocity=(9.0, 1.0, -0.5), spin=30.0), (0.01, -0.02)),
     'on the rim': (dict(position=(0.0, 0.0, 0.21), velocity=(9.0, 1.0, -0.1), spin=31.0), (0.01, -0.02)),
-    'lying flat': (dict(position=(0.0, 0.0, 0.06), velocity=(5.0, 0.3, -0.1), spin=20.0, camber=1.5, rates=(0.5, 0.0, 0.2)), (0.01, -0.02)),
-    'strongly cambered': (dict(position=(0.0, 0.0, 0.13), velocity=(5.0, 0.0, -0.1), spin=20.0, camber=1.12), (0.01, -0.02)),
+    'lying flat': (
+        dict(position=(0.0, 0.0, 0.06), velocity=(5.0, 0.3, -0.1), spin=20.0, camber=1.5, rates=(0.5, 0.0, 0.2)),
+        (0.01, -0.02),
+    ),
+    'strongly cambered': (
+        dict(position=(0.0, 0.0, 0.13), velocity=(5.0, 0.0, -0.1), spin=20.0, camber=1.12),
+        (0.01, -0.02),
+    ),
 }
 
 
@@ -37,7 +44,8 @@ STATES = {
 @pytest.mark.parametrize('state', STATES)
 @pytest.mark.parametrize('cz', [0.0, 5e-4])
 def test_contract_of_force_elements(state: str, road: RoadSpec, cz: float) -> None:
-    """In every regime: purity, states with their own rate, exact tangents (complex step through the whole kernel), power.
+    """In every regime: purity, states with their own rate, exact tangents (complex step through the whole kernel),
+    power.
 
     With cz = 0 the states are given and have no rate, so there is no power of theirs to balance.
     """
@@ -55,7 +63,8 @@ def test_tangents_with_other_tires(data: TireData) -> None:
 
 
 def test_signs_of_slip_camber_and_forces() -> None:
-    """Left hand side of docs/conventions.md: drive, side slip to the right, camber to the right, and the moments they cause."""
+    """Left hand side of docs/conventions.md: drive, side slip to the right, camber to the right, and the moments they
+    cause."""
     element = tire()
     rolling = 20.0 / 0.3137
     drive = settled(element, wheel(velocity=(20, 0, 0), spin=1.05 * rolling))
@@ -74,7 +83,8 @@ def test_signs_of_slip_camber_and_forces() -> None:
 
 
 def test_wrench_on_the_body_by_hand() -> None:
-    """Force at the contact point below the wheel centre: torque about the centre of mass = M + (point - com) x F, in body axes."""
+    """Force at the contact point below the wheel centre: torque about the centre of mass = M + (point - com) x F, in
+    body axes."""
     element = tire(road=HILLY)
     kin = wheel(velocity=(15, 1, 0), spin=40.0, yaw=0.4, camber=0.1, pitch=0.7)
     r = element.evaluate(kin, zp=(0.01, 0.02))
@@ -99,11 +109,14 @@ def test_contact_frame_on_a_plane() -> None:
     np.testing.assert_allclose(C[:, 2], slope.normal, atol=1e-14)
     assert np.dot(point - slope.point, slope.normal) == pytest.approx(0.0, abs=1e-15)
     assert (point - [0, 0, 0.3]) @ kin.R[0][:, 1] == pytest.approx(0.0, abs=1e-15)
-    assert np.cross(C[:, 0], kin.R[0][:, 1]) @ (point - [0, 0, 0.3]) == pytest.approx(-(0.316 - value(element, r, 'deflection')), rel=1e-12)
+    assert np.cross(C[:, 0], kin.R[0][:, 1]) @ (point - [0, 0, 0.3]) == pytest.approx(
+        -(0.316 - value(element, r, 'deflection')), rel=1e-12
+    )
 
 
 def test_mirrored_tire_in_mirrored_motion_gives_the_mirrored_force() -> None:
-    """y -> -y of everything (axial vectors the other way): equal to the last bits, with a tire that has every asymmetry."""
+    """y -> -y of everything (axial vectors the other way): equal to the last bits, with a tire that has every
+    asymmetry."""
     left = tire(EXAMPLE)
     com = np.array([0.02, -0.01, 0.03])
     R = Rotation.from_euler('ZXY', [0.1, 0.06, 0.0])
@@ -111,13 +124,19 @@ def test_mirrored_tire_in_mirrored_motion_gives_the_mirrored_force() -> None:
     v, w = np.array([15.0, 0.8, -0.1]), np.array([0.2, 47.0, 0.3])
     mirror, axial = np.array([1.0, -1.0, 1.0]), np.array([-1.0, 1.0, -1.0])
     context = ContractContext(bodies=1, com=[com * mirror])
-    table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=EXAMPLE, mirrored=True, turn_slip=False)], context)
+    table = compile_tires(
+        [TireSpec(name='tire', marker=Marker(body='b0'), data=EXAMPLE, mirrored=True, turn_slip=False)], context
+    )
     right = Element(forcing(tire_forces, table, context.laws()), context, n=1, outputs=OUTPUTS)
     p = np.array([0.0, 0.0, 0.3]) + R.as_matrix() @ com
     a = left.evaluate(kinematics([(p, R.as_matrix())], [(*v, *w)]), zp=(0.01, 0.02))
-    b = right.evaluate(kinematics([(p * mirror, R_m.as_matrix())], [(*(v * mirror), *(w * axial))]), zp=(0.01, -0.02, 0.0))
+    b = right.evaluate(
+        kinematics([(p * mirror, R_m.as_matrix())], [(*(v * mirror), *(w * axial))]), zp=(0.01, -0.02, 0.0)
+    )
     np.testing.assert_allclose(b.f[0], a.f[0] * [*mirror, *axial], rtol=1e-12)
-    unmirrored = tire(EXAMPLE).evaluate(kinematics([(p * mirror, R_m.as_matrix())], [(*(v * mirror), *(w * axial))]), zp=(0.01, -0.02))
+    unmirrored = tire(EXAMPLE).evaluate(
+        kinematics([(p * mirror, R_m.as_matrix())], [(*(v * mirror), *(w * axial))]), zp=(0.01, -0.02)
+    )
     assert abs(unmirrored.f[0, 1] + a.f[0, 1]) > 1.0  # the asymmetry is there
 
 
@@ -134,7 +153,8 @@ def test_steady_state_is_the_slip_of_the_motion() -> None:
 
 
 def test_reverse_rolling_is_forward_rolling_turned_half_round() -> None:
-    """A symmetric tire seen from behind: velocity and spin reversed = the same wheel yawed by pi, so the wrench in W is equal."""
+    """A symmetric tire seen from behind: velocity and spin reversed = the same wheel yawed by pi, so the wrench in W is
+    equal."""
     element = tire()
     reverse = settled(element, wheel(velocity=(-12.0, 0.6, 0.0), spin=-36.0, camber=0.05))
     turned = settled(element, wheel(velocity=(-12.0, 0.6, 0.0), spin=36.0, yaw=np.pi, camber=-0.05))
@@ -148,7 +168,8 @@ def test_reverse_rolling_is_forward_rolling_turned_half_round() -> None:
 
 
 def test_rolling_resistance_due_to_the_longitudinal_force_turns_round_with_the_wheel() -> None:
-    """QSY2 counts the force in the direction of rolling: braked in reverse = braked forward and seen from behind, (Fx, My) -> -(Fx, My)."""
+    """QSY2 counts the force in the direction of rolling: braked in reverse = braked forward and seen from behind, (Fx,
+    My) -> -(Fx, My)."""
     shifts = {k: 0.0 for k in CAR.values if k.startswith(('PHX', 'PVX', 'PEX4'))}
     plain, more = (tire(dataclasses.replace(CAR, values={**CAR.values, **shifts, 'QSY2': q})) for q in (0.0, 0.04))
     changes = {}
@@ -166,7 +187,8 @@ def test_rolling_resistance_due_to_the_longitudinal_force_turns_round_with_the_w
 @pytest.mark.parametrize('camber', [np.pi / 2, 1.5, -1.5, np.pi, 3.0, -np.pi / 2])
 @pytest.mark.parametrize('height', [-0.1, 0.0, 0.05, 0.3, 2.0])
 def test_a_wheel_that_lies_or_hangs_upside_down_gives_finite_numbers(camber: float, height: float) -> None:
-    """Lying flat it has no friction; upside down it rolls like any wheel (its axis points the other way); never a NaN."""
+    """Lying flat it has no friction; upside down it rolls like any wheel (its axis points the other way); never a
+    NaN."""
     element = tire(road=HILLY)
     kin = wheel(position=(0.1, 0.2, height), velocity=(3, 1, -1), spin=20.0, camber=camber, rates=(1, 0, 2))
     r = element.evaluate(kin, zp=(0.01, 0.02), cz=1e-3, tangents=True)
@@ -178,8 +200,8 @@ def test_a_wheel_that_lies_or_hangs_upside_down_gives_finite_numbers(camber: flo
 
 
 def test_friction_of_the_road_limits_the_force() -> None:
-    """Ice patch with factor 0.1 under a locked wheel: a tenth of the force next to it, or a little less: the same slip is further
-    beyond the peak, which has moved to a tenth of the slip."""
+    """Ice patch with factor 0.1 under a locked wheel: a tenth of the force next to it, or a little less: the same slip
+    is further beyond the peak, which has moved to a tenth of the slip."""
     road = RoadSpec(patches=(FrictionPatch(center=(10, 0), size=(4, 4), factor=0.1),))
     element = tire(road=road)
     dry, ice = (settled(element, wheel(position=(x, 0, 0.3), velocity=(20, 0, 0))) for x in (0.0, 10.0))

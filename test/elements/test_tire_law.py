@@ -1,4 +1,5 @@
-"""The Magic Formula with two published parameter sets and our own: every coefficient means what its description in the file says."""
+"""The Magic Formula with two published parameter sets and our own: every coefficient means what its description in the
+file says."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ def example() -> TireData:
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['sedan', 'car', 'example'])
 def test_slopes_at_zero_slip_are_the_stiffness_coefficients(name: str, request: pytest.FixtureRequest) -> None:
-    """At nominal load Kx = PKX1 Fz and Ky = PKY1 Fz sin(PKY4 arctan(1/PKY2)): the slopes at the points where the curves are steepest."""
+    """At nominal load Kx = PKX1 Fz and Ky = PKY1 Fz sin(PKY4 arctan(1/PKY2)): the slopes at the points where the curves
+    are steepest."""
     data = request.getfixturevalue(name)
     c = pack(data.values, data.version)
     F = c[I.FNOMIN] * c[I.LFZO]
@@ -46,7 +48,8 @@ def test_slopes_at_zero_slip_are_the_stiffness_coefficients(name: str, request: 
 
 @pytest.mark.parametrize('name', ['sedan', 'car', 'example'])
 def test_peaks_of_pure_slip_are_the_friction_coefficients(name: str, request: pytest.FixtureRequest) -> None:
-    """max|Fx| = PDX1 Fz and max|Fy| = |PDY1| Fz plus at most the vertical shift, at nominal load, without coupling terms."""
+    """max|Fx| = PDX1 Fz and max|Fy| = |PDY1| Fz plus at most the vertical shift, at nominal load, without coupling
+    terms."""
     data = request.getfixturevalue(name)
     pure = {k: v for k, v in data.values.items() if k not in ('RBX1', 'RBY1')}
     c = pack(pure, data.version)
@@ -60,7 +63,8 @@ def test_peaks_of_pure_slip_are_the_friction_coefficients(name: str, request: py
 
 @pytest.mark.parametrize('name', ['car', 'example'])
 def test_combined_force_stays_in_the_friction_ellipse(name: str, request: pytest.FixtureRequest) -> None:
-    """(Fx/max Fx)^2 + (Fy/max Fy)^2 <= 1.2: the weighting functions are fits, not an ellipse, and real tires bulge a little."""
+    """(Fx/max Fx)^2 + (Fy/max Fy)^2 <= 1.2: the weighting functions are fits, not an ellipse, and real tires bulge a
+    little."""
     data = request.getfixturevalue(name)
     c = pack(data.values, data.version)
     F = c[I.FNOMIN] * c[I.LFZO]
@@ -72,7 +76,8 @@ def test_combined_force_stays_in_the_friction_ellipse(name: str, request: pytest
 
 
 def test_pressure_acts_through_its_coefficients(example: TireData) -> None:
-    """At 10 % more pressure: Kx by 1 + PPX1 dpi + PPX2 dpi^2, the peak of Fx by 1 + PPX3 dpi + PPX4 dpi^2 (4.E13), (4.E15)."""
+    """At 10 % more pressure: Kx by 1 + PPX1 dpi + PPX2 dpi^2, the peak of Fx by 1 + PPX3 dpi + PPX4 dpi^2 (4.E13),
+    (4.E15)."""
     nominal, hard = pack(example.values, 61), pack(example.values, 61, pressure=220e3)
     v = example.values
     assert hard[I.DPI] == pytest.approx(0.1)
@@ -84,7 +89,8 @@ def test_pressure_acts_through_its_coefficients(example: TireData) -> None:
 
 
 def test_rolling_resistance_and_overturning_by_hand(example: TireData) -> None:
-    """My = -R0 Fz0 (QSY1 + QSY3 + QSY4) at V = LONGVL and nominal load; Mx of the first three terms with the others removed."""
+    """My = -R0 Fz0 (QSY1 + QSY3 + QSY4) at V = LONGVL and nominal load; Mx of the first three terms with the others
+    removed."""
     v = {**example.values, 'QSX4': 0.0, 'QSX10': 0.0}
     c = pack(v, 61)
     assert law(c, V=v['LONGVL'])['my'] == pytest.approx(-0.3135 * 4000 * (0.00702 + 0.001515 + 8.514e-5), rel=1e-5)
@@ -102,7 +108,8 @@ def test_road_friction_scales_the_peak_and_keeps_the_stiffness(car: TireData) ->
 
 
 def test_version_52_has_its_own_camber_terms(car: TireData) -> None:
-    """In 5.2 camber shifts the curve by PHY3 gamma and the force by PVY3 gamma Fz: Fy = Ky PHY3 gamma + PVY3 gamma Fz for small gamma."""
+    """In 5.2 camber shifts the curve by PHY3 gamma and the force by PVY3 gamma Fz: Fy = Ky PHY3 gamma + PVY3 gamma Fz
+    for small gamma."""
     v = {**car.values, 'PHY3': 0.03, 'PTX1': 1.5, 'PTY1': 2.0, 'PTY2': 2.0, 'PKY6': -5.0}
     c = pack(v, 52)
     F = c[I.FNOMIN] * c[I.LFZO]
@@ -126,7 +133,8 @@ def test_relaxation_lengths(car: TireData, sedan: TireData) -> None:
 
 
 def test_combined_slip_by_hand(car: TireData) -> None:
-    """Our tire has no shifts, so Fx/Fx0 = cos(C arctan(B a - E (B a - arctan B a))), B = RBX1 cos(arctan(RBX2 kappa)); same for Fy."""
+    """Our tire has no shifts, so Fx/Fx0 = cos(C arctan(B a - E (B a - arctan B a))), B = RBX1 cos(arctan(RBX2 kappa));
+    same for Fy."""
     c = pack(car.values, 61)
     at = dict(kappa=0.06, tan_alpha=-0.08, Fz=4200.0)
     both, only_k, only_a = law(c, **at), law(c, **{**at, 'tan_alpha': 0.0}), law(c, **{**at, 'kappa': 0.0})
@@ -139,7 +147,8 @@ def test_combined_slip_by_hand(car: TireData) -> None:
 
 
 def test_aligning_moment_by_hand(car: TireData) -> None:
-    """Small slip: Mz = -t Fy with t = QDZ1 R0; drive force: plus s Fx, s = R0 SSZ2 Fy/Fz0; camber: residual moment QDZ8 gamma Fz R0."""
+    """Small slip: Mz = -t Fy with t = QDZ1 R0; drive force: plus s Fx, s = R0 SSZ2 Fy/Fz0; camber: residual moment QDZ8
+    gamma Fz R0."""
     c = pack(car.values, 61)
     small = law(c, tan_alpha=1e-6, Fz=4200.0)
     assert small['mz'] == pytest.approx(-0.095 * 0.316 * small['fy'], rel=1e-6)
@@ -151,7 +160,8 @@ def test_aligning_moment_by_hand(car: TireData) -> None:
 
 
 def test_peak_follows_load_and_camber(car: TireData) -> None:
-    """max|Fy|/Fz = (PDY1 + PDY2 dfz)(1 - PDY3 sin^2 gamma), for the half range over which the vertical shift cancels."""
+    """max|Fy|/Fz = (PDY1 + PDY2 dfz)(1 - PDY3 sin^2 gamma), for the half range over which the vertical shift
+    cancels."""
     c = pack(car.values, 61)
     for Fz, gamma in ((2100.0, 0.0), (6300.0, 0.0), (4200.0, 0.1), (6300.0, -0.1)):
         fy = [law(c, tan_alpha=a, Fz=Fz, gamma=gamma)['fy'] for a in np.linspace(-0.8, 0.8, 1601)]
@@ -160,7 +170,8 @@ def test_peak_follows_load_and_camber(car: TireData) -> None:
 
 
 def test_mirrored_slip_and_camber_mirror_the_forces(car: TireData) -> None:
-    """A tire without conicity and ply steer is symmetric: (alpha, gamma) -> -(alpha, gamma) turns the signs of Fy, Mx, Mz."""
+    """A tire without conicity and ply steer is symmetric: (alpha, gamma) -> -(alpha, gamma) turns the signs of Fy, Mx,
+    Mz."""
     c = pack(car.values, 61)
     a = law(c, kappa=0.03, tan_alpha=0.07, gamma=0.05)
     b = law(c, kappa=0.03, tan_alpha=-0.07, gamma=-0.05)
@@ -168,8 +179,8 @@ def test_mirrored_slip_and_camber_mirror_the_forces(car: TireData) -> None:
         assert b[key] == pytest.approx(sign * a[key], rel=1e-14)
 
 
-# [Bakker1987]: load-dependent coefficients of a measured car tire, Fz in kN, slip in % and slip angle in degrees; and the factors
-# B, C, D, E fitted to its curves at each load
+# [Bakker1987]: load-dependent coefficients of a measured car tire, Fz in kN, slip in % and slip angle in degrees; and
+# the factors B, C, D, E fitted to its curves at each load
 SIDE_1987 = (-22.1, 1011.0, 1078.0, 1.82, 0.208, 0.0, -0.354, 0.707)
 BRAKE_1987 = (-21.3, 1144.0, 49.6, 226.0, 0.069, -0.006, 0.056, 0.486)
 CURVES_1987 = {  # Fz [kN]: B, C, D, E of the side force, of the brake force
@@ -185,7 +196,13 @@ def tire_of_1987() -> np.ndarray:
     a, b, F = SIDE_1987, BRAKE_1987, 4.0
     decay = np.exp(-b[4] * F)
     side = {
-        **{'PCY1': 1.30, 'PDY1': (a[1] + a[0] * F) / 1e3, 'PDY2': a[0] * F / 1e3, 'PEY1': a[7] + a[6] * F, 'PEY2': a[6] * F},
+        **{
+            'PCY1': 1.30,
+            'PDY1': (a[1] + a[0] * F) / 1e3,
+            'PDY2': a[0] * F / 1e3,
+            'PEY1': a[7] + a[6] * F,
+            'PEY2': a[6] * F,
+        },
         **{'PKY1': -np.degrees(a[2]) / 4e3, 'PKY2': 1.0 / (a[4] * F), 'PKY4': a[3]},
     }
     brake = {
@@ -203,8 +220,8 @@ def curve(x: float, B: float, C: float, D: float, E: float) -> float:
 
 @pytest.mark.parametrize('load', CURVES_1987)
 def test_published_tire_of_1987(load: float) -> None:
-    """Its own formulas to rounding, and the curves fitted at each load to 4 % of the peak: so well do the polynomials follow them. (At 2 kN
-    the common shape factor 1.30 stands for 1.50, which leaves 7 % at 15 degrees.)"""
+    """Its own formulas to rounding, and the curves fitted at each load to 4 % of the peak: so well do the polynomials
+    follow them. (At 2 kN the common shape factor 1.30 stands for 1.50, which leaves 7 % at 15 degrees.)"""
     c, a, b, F = tire_of_1987(), SIDE_1987, BRAKE_1987, load
     D = (a[0] * F + a[1]) * F
     side = (a[2] * np.sin(a[3] * np.arctan(a[4] * F)) / (1.30 * D), 1.30, D, a[6] * F + a[7])
@@ -220,17 +237,33 @@ def test_published_tire_of_1987(load: float) -> None:
         assert fx == pytest.approx(curve(slip, *fitted_brake), abs=0.04 * fitted_brake[2])
 
 
-# Typical sets for roads, constant coefficients: MathWorks, Simscape Driveline, block Tire-Road Interaction (Magic Formula)
-ROADS = {'dry': (10.0, 1.9, 1.0, 0.97), 'wet': (12.0, 2.3, 0.82, 1.0), 'snow': (5.0, 2.0, 0.3, 1.0), 'ice': (4.0, 2.0, 0.1, 1.0)}
+# Typical sets for roads, constant coefficients: MathWorks, Simscape Driveline, block Tire-Road Interaction (Magic
+# Formula)
+ROADS = {
+    'dry': (10.0, 1.9, 1.0, 0.97),
+    'wet': (12.0, 2.3, 0.82, 1.0),
+    'snow': (5.0, 2.0, 0.3, 1.0),
+    'ice': (4.0, 2.0, 0.1, 1.0),
+}
 
 
 @pytest.mark.parametrize('road', ROADS)
 def test_published_sets_for_roads(road: str) -> None:
     """Fx = Fz D sin(C arctan(B k - E (B k - arctan B k))) for every load; the peak is D Fz."""
     B, C, D, E = ROADS[road]
-    general = {'FNOMIN': 4e3, 'UNLOADED_RADIUS': 0.31, 'VERTICAL_STIFFNESS': 2e5, 'PCY1': 1.3, 'PDY1': 1.0, 'PKY1': -15.0, 'PKY2': 1.5}
+    general = {
+        'FNOMIN': 4e3,
+        'UNLOADED_RADIUS': 0.31,
+        'VERTICAL_STIFFNESS': 2e5,
+        'PCY1': 1.3,
+        'PDY1': 1.0,
+        'PKY1': -15.0,
+        'PKY2': 1.5,
+    }
     c = pack({**general, 'PCX1': C, 'PDX1': D, 'PEX1': E, 'PKX1': B * C * D}, 61)
     for Fz in (1500.0, 4000.0, 7000.0):
         force = [law(c, kappa=k, Fz=Fz)['fx'] for k in np.linspace(0.0, 1.0, 201)]
-        np.testing.assert_allclose(force, [Fz * curve(k, B, C, D, E) for k in np.linspace(0.0, 1.0, 201)], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            force, [Fz * curve(k, B, C, D, E) for k in np.linspace(0.0, 1.0, 201)], rtol=1e-9, atol=1e-9
+        )
         assert max(force) == pytest.approx(D * Fz, rel=2e-3)

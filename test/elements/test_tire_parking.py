@@ -1,5 +1,5 @@
-"""The moment against turning on the spot, which acts where nothing is said about turn slip: below 5 m/s it is that of turn slip, above
-nothing is left of it."""
+"""The moment against turning on the spot, which acts where nothing is said about turn slip: below 5 m/s it is that of
+turn slip, above nothing is left of it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,11 @@ def turning(speed: float, yaw_rate: float, **motion):
 @pytest.mark.parametrize('speed', SPEEDS)
 @pytest.mark.parametrize('cz', [0.0, 5e-4])
 def test_contract_of_force_elements(speed: float, road, cz: float) -> None:
-    element, kin, zp = tire(EXAMPLE, road, mirrored=True, turn_slip=None), turning(speed, 0.8, camber=0.05), (0.001, 0.004, 0.02)
+    element, kin, zp = (
+        tire(EXAMPLE, road, mirrored=True, turn_slip=None),
+        turning(speed, 0.8, camber=0.05),
+        (0.001, 0.004, 0.02),
+    )
     check_contract(element, kin, pair=False, power=cz > 0.0, tolerance=1e-10, zp=element.states(zp), cz=cz)
 
 
@@ -43,7 +47,8 @@ def test_tangents_where_the_wheel_does_not_roll(state: str) -> None:
 
 
 def test_the_moment_tends_to_that_of_a_wheel_turned_on_the_spot() -> None:
-    """M_z phi infinity (4.95) = QCRP1 R0 mu_y Fz sqrt(Fz/Fz0), with its slope QDZ8 R0 Fz/(1 - PECP1) over R0 phi_t at zero, against it."""
+    """M_z phi infinity (4.95) = QCRP1 R0 mu_y Fz sqrt(Fz/Fz0), with its slope QDZ8 R0 Fz/(1 - PECP1) over R0 phi_t at
+    zero, against it."""
     c = pack(CAR.values, 61, parking=True)
     for Fz in (2500.0, F0, 6000.0):
         dfz = Fz / F0 - 1.0
@@ -52,7 +57,9 @@ def test_the_moment_tends_to_that_of_a_wheel_turned_on_the_spot() -> None:
         assert saturated_moment(c, peak, Fz) == pytest.approx(limit, rel=1e-12)
         assert parking_moment(c, 1e4, Fz, dfz, 1.0) == pytest.approx(-limit, rel=1e-3)
         assert parking_moment(c, 1e4, Fz, dfz, 0.3) == pytest.approx(-0.3 * limit, rel=1e-3)
-        assert parking_moment(c, 1e-7, Fz, dfz, 1.0) == pytest.approx(2.0 * (CAR['QDZ8'] + CAR['QDZ9'] * dfz) * Fz * R0 * 1e-7, rel=1e-6)
+        assert parking_moment(c, 1e-7, Fz, dfz, 1.0) == pytest.approx(
+            2.0 * (CAR['QDZ8'] + CAR['QDZ9'] * dfz) * Fz * R0 * 1e-7, rel=1e-6
+        )
     twist = np.linspace(-5.0, 5.0, 201)
     moment = np.array([parking_moment(c, x, F0, 0.0, 1.0) for x in twist])
     assert (np.diff(moment) < 0.0).all()
@@ -60,7 +67,8 @@ def test_the_moment_tends_to_that_of_a_wheel_turned_on_the_spot() -> None:
 
 
 def test_law_is_that_of_turn_slip_on_the_spot() -> None:
-    """Without camber and slip, at standstill (forward = 0), the moments of turn slip beside this one come from shifts of the slip alone."""
+    """Without camber and slip, at standstill (forward = 0), the moments of turn slip beside this one come from shifts
+    of the slip alone."""
     bare = {k: v for k, v in CAR.values.items() if not k.startswith(('PH', 'PV', 'QDZ6', 'QDZ7', 'RH', 'RV', 'SSZ'))}
     full, parking = pack(bare, 61, turn_slip=True), pack(bare, 61, parking=True)
     for twist in (1e-3, 0.05, 0.3, 2.0):
@@ -69,7 +77,9 @@ def test_law_is_that_of_turn_slip_on_the_spot() -> None:
     assert I.PARKING != I.TURN_SLIP
 
 
-def swung(turn_slip: bool | None, yaw_rate, steps: int, speed: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def swung(
+    turn_slip: bool | None, yaw_rate, steps: int, speed: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(yaw rate [rad/s], moment [N m], twist [m]) of a wheel whose heading turns at yaw_rate(t)."""
     element = tire(turn_slip=turn_slip)
     z, found = element.states((0.0,) * (element.context.n_states - 1)), []
@@ -82,8 +92,11 @@ def swung(turn_slip: bool | None, yaw_rate, steps: int, speed: float = 0.0) -> t
 
 
 def test_a_wheel_on_the_spot_turns_as_with_turn_slip() -> None:
-    """Turned 1.5 rad and back: the same state and, but for what shifts of the slip take of it there, the same moment."""
-    parking, full, none = (swung(mode, lambda t: 0.5 if t < 3.0 else -0.5, round(6.0 / H)) for mode in (None, True, False))
+    """Turned 1.5 rad and back: the same state and, but for what shifts of the slip take of it there, the same
+    moment."""
+    parking, full, none = (
+        swung(mode, lambda t: 0.5 if t < 3.0 else -0.5, round(6.0 / H)) for mode in (None, True, False)
+    )
     np.testing.assert_allclose(parking[2], full[2], rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(parking[1], full[1], rtol=0.0, atol=0.01 * np.abs(full[1]).max())
     assert np.abs(none[1]).max() < 0.05 * np.abs(parking[1]).max()
@@ -91,8 +104,9 @@ def test_a_wheel_on_the_spot_turns_as_with_turn_slip() -> None:
 
 @pytest.mark.parametrize('speed', [0.0, 3.0, 4.9])
 def test_turning_back_and_forth_takes_energy_out(speed: float) -> None:
-    """Over every cycle of a steady swing the moment does negative work on the wheel, beyond that of the slip; from rest it never gives
-    back more than it took. Two cycles: the second one is steady, for the twist forgets within a fraction of one."""
+    """Over every cycle of a steady swing the moment does negative work on the wheel, beyond that of the slip; from rest
+    it never gives back more than it took. Two cycles: the second one is steady, for the twist forgets within a fraction
+    of one."""
     cycles = 2
     for amplitude, cycle in ((0.02, 1.0), (0.5, 1.0), (1.0, 2.0)):
         n = round(cycle / H)
@@ -105,7 +119,8 @@ def test_turning_back_and_forth_takes_energy_out(speed: float) -> None:
 
 
 def test_the_moment_fades_smoothly_and_ends_exactly() -> None:
-    """The step has the slopes 0, 0 at both ends up to the second; a wheel that is stopped and started through the fade has no jump."""
+    """The step has the slopes 0, 0 at both ends up to the second; a wheel that is stopped and started through the fade
+    has no jump."""
     for s, end in ((1e-4, 0.0), (1.0 - 1e-4, 1.0)):
         assert abs(smoother_step(s) - end) == pytest.approx(10.0 * 1e-12, rel=1e-3)
     assert [smoother_step(s) for s in (-1.0, 0.0, 0.5, 1.0, 2.0)] == [0.0, 0.0, 0.5, 1.0, 1.0]
@@ -136,7 +151,9 @@ def test_above_the_fade_a_tire_has_the_bits_of_one_without(mirrored: bool) -> No
         for name in ('f', 'Kq', 'Kv', 'out'):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
         np.testing.assert_array_equal(np.delete(a.z, 2), b.z)
-        assert a.z[2] == pytest.approx(0.02 / (1.0 + 5e-4 * PARKING_ENDS / (TWIST_LENGTH * EXAMPLE['UNLOADED_RADIUS'])), rel=1e-12)
+        assert a.z[2] == pytest.approx(
+            0.02 / (1.0 + 5e-4 * PARKING_ENDS / (TWIST_LENGTH * EXAMPLE['UNLOADED_RADIUS'])), rel=1e-12
+        )
 
 
 def test_the_state_crosses_the_end_of_the_fade_without_a_kink() -> None:
@@ -144,14 +161,16 @@ def test_the_state_crosses_the_end_of_the_fade_without_a_kink() -> None:
     element = tire(turn_slip=None)
     for w in (0.0, 0.01, -0.05):
         below, above = (
-            element.evaluate(wheel(velocity=(v, 0, 0), rates=(0, 0, 1.0)), zp=(0, 0, w), cz=1e-6).z[2] for v in (4.9999, 5.0001)
+            element.evaluate(wheel(velocity=(v, 0, 0), rates=(0, 0, 1.0)), zp=(0, 0, w), cz=1e-6).z[2]
+            for v in (4.9999, 5.0001)
         )
         assert (below - w) / 1e-6 == pytest.approx((above - w) / 1e-6, rel=1e-4, abs=1e-6)
 
 
 def test_data_that_have_no_turn_slip_have_none_of_it() -> None:
     backwards, heavy, light = (
-        TireData(name='x', version=61, values={**CAR.values, **given}) for given in ({'QDZ8': 0.1}, {'QDZ9': 0.08}, {'QDZ9': -0.15})
+        TireData(name='x', version=61, values={**CAR.values, **given})
+        for given in ({'QDZ8': 0.1}, {'QDZ9': 0.08}, {'QDZ9': -0.15})
     )
     wrong = ((SEDAN, '6.1'), (backwards, 'QDZ8'), (heavy, 'at a load of 3 FNOMIN'), (light, 'at a load of 0 FNOMIN'))
     for data, why in (*wrong, (CAR, ''), (EXAMPLE, '')):

@@ -15,15 +15,78 @@ from solver.elements.tire_data import pack
 R0, F0, V0 = 0.313, 4000.0, 16.67
 BOOK = {
     **{'FNOMIN': F0, 'UNLOADED_RADIUS': R0, 'LONGVL': V0, 'VERTICAL_STIFFNESS': 13.37 * F0 / R0},
-    **{'PCX1': 1.685, 'PDX1': 1.210, 'PDX2': -0.037, 'PEX1': 0.344, 'PEX2': 0.095, 'PEX3': -0.020, 'PKX1': 21.51, 'PKX2': -0.163},
+    **{
+        'PCX1': 1.685,
+        'PDX1': 1.210,
+        'PDX2': -0.037,
+        'PEX1': 0.344,
+        'PEX2': 0.095,
+        'PEX3': -0.020,
+        'PKX1': 21.51,
+        'PKX2': -0.163,
+    },
     **{'PKX3': 0.245, 'PHX1': -0.002, 'PHX2': 0.002, 'RBX1': 12.35, 'RBX2': -10.77, 'RCX1': 1.092, 'RHX1': 0.007},
-    **{'PCY1': 1.193, 'PDY1': -0.990, 'PDY2': 0.145, 'PDY3': -11.23, 'PEY1': -1.003, 'PEY2': -0.537, 'PEY3': -0.083, 'PEY4': -4.787},
-    **{'PKY1': -14.95, 'PKY2': 2.130, 'PKY3': -0.028, 'PKY4': 2.0, 'PKY6': -0.92, 'PKY7': -0.24, 'PHY1': 0.003, 'PHY2': -0.001},
-    **{'PVY1': 0.045, 'PVY2': -0.024, 'PVY3': -0.532, 'PVY4': 0.039, 'RBY1': 6.461, 'RBY2': 4.196, 'RBY3': -0.015, 'RCY1': 1.081},
+    **{
+        'PCY1': 1.193,
+        'PDY1': -0.990,
+        'PDY2': 0.145,
+        'PDY3': -11.23,
+        'PEY1': -1.003,
+        'PEY2': -0.537,
+        'PEY3': -0.083,
+        'PEY4': -4.787,
+    },
+    **{
+        'PKY1': -14.95,
+        'PKY2': 2.130,
+        'PKY3': -0.028,
+        'PKY4': 2.0,
+        'PKY6': -0.92,
+        'PKY7': -0.24,
+        'PHY1': 0.003,
+        'PHY2': -0.001,
+    },
+    **{
+        'PVY1': 0.045,
+        'PVY2': -0.024,
+        'PVY3': -0.532,
+        'PVY4': 0.039,
+        'RBY1': 6.461,
+        'RBY2': 4.196,
+        'RBY3': -0.015,
+        'RCY1': 1.081,
+    },
     **{'RHY1': 0.009, 'RVY1': 0.053, 'RVY2': -0.073, 'RVY3': 0.517, 'RVY4': 35.44, 'RVY5': 1.9, 'RVY6': -10.71},
-    **{'QBZ1': 8.964, 'QBZ2': -1.106, 'QBZ3': -0.842, 'QBZ5': -0.227, 'QBZ9': 18.47, 'QCZ1': 1.180, 'QDZ1': 0.100, 'QDZ2': -0.001},
-    **{'QDZ3': 0.007, 'QDZ4': 13.05, 'QDZ6': -0.008, 'QDZ8': -0.296, 'QDZ9': -0.009, 'QEZ1': -1.609, 'QEZ2': -0.359, 'QEZ4': 0.174},
-    **{'QEZ5': -0.896, 'QHZ1': 0.007, 'QHZ2': -0.002, 'QHZ3': 0.147, 'QHZ4': 0.004, 'SSZ1': 0.043, 'SSZ2': 0.001, 'SSZ3': 0.731},
+    **{
+        'QBZ1': 8.964,
+        'QBZ2': -1.106,
+        'QBZ3': -0.842,
+        'QBZ5': -0.227,
+        'QBZ9': 18.47,
+        'QCZ1': 1.180,
+        'QDZ1': 0.100,
+        'QDZ2': -0.001,
+    },
+    **{
+        'QDZ3': 0.007,
+        'QDZ4': 13.05,
+        'QDZ6': -0.008,
+        'QDZ8': -0.296,
+        'QDZ9': -0.009,
+        'QEZ1': -1.609,
+        'QEZ2': -0.359,
+        'QEZ4': 0.174,
+    },
+    **{
+        'QEZ5': -0.896,
+        'QHZ1': 0.007,
+        'QHZ2': -0.002,
+        'QHZ3': 0.147,
+        'QHZ4': 0.004,
+        'SSZ1': 0.043,
+        'SSZ2': 0.001,
+        'SSZ3': 0.731,
+    },
     **{'SSZ4': -0.238, 'QSY1': 0.01},
 }
 
@@ -44,7 +107,8 @@ UPRIGHT = (
     (0.2, -12.0, 4000, 2970.4907661809034, 2684.4585867385267, 49.3506641569585),
 )
 
-# alpha [rad], gamma [deg], Fz, Fx, Fy at kappa = 0 (magic-formula-tyre-library, whose side force is a function of alpha, not tan alpha)
+# alpha [rad], gamma [deg], Fz, Fx, Fy at kappa = 0 (magic-formula-tyre-library, whose side force is a function of
+# alpha, not tan alpha)
 CAMBERED = (
     (-0.21, -4, 2000, -30.04203835, 2423.536528),
     (0.042, -4, 2000, -95.30455754, -901.6651685),
@@ -68,7 +132,8 @@ def c() -> np.ndarray:
 
 @pytest.mark.parametrize('row', UPRIGHT)
 def test_upright_tire_at_combined_slip(c: np.ndarray, row: tuple[float, ...]) -> None:
-    """Forces to the small numbers that the other program adds to denominators, the moment to its cos(alpha) = Vx/(V + 0.1 m/s)."""
+    """Forces to the small numbers that the other program adds to denominators, the moment to its cos(alpha) = Vx/(V +
+    0.1 m/s)."""
     kappa, alpha, Fz, fx, fy, mz = row
     r = forces(c, kappa=kappa, tan_alpha=np.tan(np.radians(alpha)), Fz=float(Fz), V=V0)
     assert r['fx'] == pytest.approx(fx, rel=1e-8)

@@ -13,9 +13,44 @@ from solver.elements.tire_data import DEFAULTS, TireData, pack
 CLOSE = 1e-4  # of the load, and of load times radius
 STATES = 1000
 TWIST = ('PDXP', 'PKYP', 'PDYP', 'PHYP', 'PECP', 'QDTP', 'QCRP', 'QBRP', 'QDRP')
-FIXED = ('FNOMIN', 'UNLOADED_RADIUS', 'VERTICAL_STIFFNESS', 'WIDTH', 'CAMMIN', 'CAMMAX', 'FZMAX', 'NOMPRES', 'LONGVL', 'RHX1', 'RHY1')
-SIZES = {'PP': 0.1, 'PD': 0.05, 'PE': 0.3, 'PK': 0.3, 'PH': 0.003, 'PV': 0.02, 'RB': 1.0, 'RC': 0.02, 'RE': 0.2, 'RH': 0.003, 'RV': 0.2}
-SIZES |= {'QSX': 0.02, 'QSY': 0.002, 'QB': 0.5, 'QD': 0.01, 'QE': 0.4, 'QH': 0.003, 'SS': 0.005, 'QSX5': 1.0, 'QSX6': 1.0, 'L': 0.1}
+FIXED = (
+    'FNOMIN',
+    'UNLOADED_RADIUS',
+    'VERTICAL_STIFFNESS',
+    'WIDTH',
+    'CAMMIN',
+    'CAMMAX',
+    'FZMAX',
+    'NOMPRES',
+    'LONGVL',
+    'RHX1',
+    'RHY1',
+)
+SIZES = {
+    'PP': 0.1,
+    'PD': 0.05,
+    'PE': 0.3,
+    'PK': 0.3,
+    'PH': 0.003,
+    'PV': 0.02,
+    'RB': 1.0,
+    'RC': 0.02,
+    'RE': 0.2,
+    'RH': 0.003,
+    'RV': 0.2,
+}
+SIZES |= {
+    'QSX': 0.02,
+    'QSY': 0.002,
+    'QB': 0.5,
+    'QD': 0.01,
+    'QE': 0.4,
+    'QH': 0.003,
+    'SS': 0.005,
+    'QSX5': 1.0,
+    'QSX6': 1.0,
+    'L': 0.1,
+}
 
 
 def varied(data: TireData, rng: np.random.Generator) -> TireData:
@@ -76,7 +111,9 @@ def test_the_tires_as_they_are_and_upright(data: TireData) -> None:
     states = drawn(data, 100, np.random.default_rng(1))
     nominal = data['NOMPRES'] or 220e3
     states = states._replace(
-        gamma=0.0 * states.Fz, Fz=np.minimum(states.Fz, 0.9 * (data['FZMAX'] or np.inf)), pressure=0.0 * states.Fz + nominal
+        gamma=0.0 * states.Fz,
+        Fz=np.minimum(states.Fz, 0.9 * (data['FZMAX'] or np.inf)),
+        pressure=0.0 * states.Fz + nominal,
     )
     found = worst(data, states)
     assert max(found.values()) < CLOSE, found

@@ -1,4 +1,5 @@
-"""A tire that slides: its friction opposes the sliding whichever way that goes, and holds no more than the road can carry."""
+"""A tire that slides: its friction opposes the sliding whichever way that goes, and holds no more than the road can
+carry."""
 
 from __future__ import annotations
 
@@ -14,13 +15,15 @@ from solver.elements.tire_data import I
 from solver.elements.tire_pacejka import TireSpec, compile_tires
 
 RADIUS = 0.3075  # m, effective, of the wheel of the bench at 0.3 m
-# deg: how far the Magic Formula itself, at speed, is off the direction of sliding (11.1 at 60 degrees and friction 1); on friction 0.2
-# slips are small where it saturates, and the weights of combined slip, which do not know of the friction, take little from either force
+# deg: how far the Magic Formula itself, at speed, is off the direction of sliding (11.1 at 60 degrees and friction 1);
+# on friction 0.2 slips are small where it saturates, and the weights of combined slip, which do not know of the
+# friction, take little from either force
 LAW = {1.0: 12.5, 0.2: 22.0}
 
 
 def bounds() -> tuple[float, float]:
-    """(k_x, k_y): slips to which a standing tire saturates on a road of friction 1: twice peak force over slip stiffness."""
+    """(k_x, k_y): slips to which a standing tire saturates on a road of friction 1: twice peak force over slip
+    stiffness."""
     c = compile_tires([TireSpec(name='t', marker=Marker(body='b0'), data=CAR)], ContractContext(bodies=1)).c[0]
     Kx, Ky = slip_stiffness(c, 0.0, 4200.0, 0.0)
     return 2.0 * c[I.PDX1] * 4200.0 / Kx, 2.0 * c[I.PDY1] * 4200.0 / Ky
@@ -52,7 +55,8 @@ def test_friction_of_a_spinning_wheel_opposes_its_sliding(vx: float) -> None:
 
 @pytest.mark.parametrize('velocity', [(1.5, 10.0), (1.9, 20.0)])
 def test_a_locked_wheel_that_slides_sideways_keeps_the_direction_of_its_sliding(velocity: tuple[float, float]) -> None:
-    """400 kg on it, half a second: as with dry friction the path is straight, and the heading of the motion never swings across."""
+    """400 kg on it, half a second: as with dry friction the path is straight, and the heading of the motion never
+    swings across."""
     trace = drop(tire(), mass=400.0, gravity=(0, 0, -9.81), seconds=0.5, velocity=(*velocity, 0.0))
     v = np.array([v for _, v, _ in trace])
     heading = np.degrees(np.arctan2(v[:, 0], v[:, 1]))
@@ -61,7 +65,8 @@ def test_a_locked_wheel_that_slides_sideways_keeps_the_direction_of_its_sliding(
 
 
 def test_a_spinning_wheel_loses_its_side_force() -> None:
-    """60 rad/s on the spot slide 18.8 m/s: what was stored sideways is gone after 0.1 s, some three relaxation lengths of 0.6 m."""
+    """60 rad/s on the spot slide 18.8 m/s: what was stored sideways is gone after 0.1 s, some three relaxation lengths
+    of 0.6 m."""
     element = tire()
     trace = march(element, wheel(spin=60.0), 100, z=(0.0, 0.015))
     assert abs(value(element, trace[0], 'fy')) > 0.2 * value(element, trace[0], 'fz')
@@ -104,7 +109,9 @@ def test_a_wheel_that_rolls_slowly_has_the_slips_of_rolling() -> None:
 @pytest.mark.parametrize('friction', [0.5, 0.1])
 @pytest.mark.parametrize('motion', [dict(spin=20.0), dict(velocity=(0.0, 3.0, 0.0))], ids=['along', 'across'])
 def test_what_a_sliding_tire_stores_goes_with_the_friction_of_the_road(motion, friction: float) -> None:
-    full, less = (np.abs(settled(tire(road=RoadSpec(friction=f)), wheel(**motion)).z[:2]).max() for f in (1.0, friction))
+    full, less = (
+        np.abs(settled(tire(road=RoadSpec(friction=f)), wheel(**motion)).z[:2]).max() for f in (1.0, friction)
+    )
     assert less == pytest.approx(friction * full, rel=0.01)
 
 
@@ -114,14 +121,19 @@ def test_what_a_turned_contact_patch_stores_goes_with_the_friction_of_the_road(t
     bound = []
     for friction in (1.0, 0.1):
         element = tire(EXAMPLE, RoadSpec(friction=friction), turn_slip=turn_slip)
-        twist = element.evaluate(wheel(rates=(0.0, 0.0, 1.0)), zp=(0.0, 0.0, 0.0), cz=1e6).z[2] / (0.17 * EXAMPLE['UNLOADED_RADIUS'])
+        twist = element.evaluate(wheel(rates=(0.0, 0.0, 1.0)), zp=(0.0, 0.0, 0.0), cz=1e6).z[2] / (
+            0.17 * EXAMPLE['UNLOADED_RADIUS']
+        )
         bound.append((twist**-2 - 1 / 25) ** -0.5)
     assert bound[1] == pytest.approx(0.1 * bound[0], rel=3e-3)
 
 
-@pytest.mark.parametrize(('direction', 'way'), [((1.0, 0.0, 0.0), 0.003), ((0.0, 1.0, 0.0), 0.008)], ids=['along', 'across'])
+@pytest.mark.parametrize(
+    ('direction', 'way'), [((1.0, 0.0, 0.0), 0.003), ((0.0, 1.0, 0.0), 0.008)], ids=['along', 'across']
+)
 def test_on_a_slippery_road_a_wheel_recoils_less(direction: tuple[float, float, float], way: float) -> None:
-    """Sliding to rest from 1 m/s on friction 0.1, it goes back [m] by a tenth of the 22 mm along and 68 mm across on friction 1."""
+    """Sliding to rest from 1 m/s on friction 0.1, it goes back [m] by a tenth of the 22 mm along and 68 mm across on
+    friction 1."""
     element = tire(road=RoadSpec(friction=0.1))
     trace = drop(element, mass=400.0, gravity=(0, 0, -9.81), seconds=2.0, velocity=direction)
     x = np.array([x @ direction for x, _, _ in trace])

@@ -1,4 +1,5 @@
-"""A wheel on its rolling resistance: it stands where it is pushed by less, and rolls against the whole of it where it is pushed by more."""
+"""A wheel on its rolling resistance: it stands where it is pushed by less, and rolls against the whole of it where it
+is pushed by more."""
 
 from __future__ import annotations
 
@@ -48,7 +49,9 @@ def test_above_the_creep_the_resistance_is_that_of_the_file_to_the_last_bit(data
     for speed in (SLOWEST / 0.9, 3.0, 25.0, -SLOWEST / 0.9, -8.0):
         found = set()
         for part in (-1.0, 0.0, 1.0):
-            r = element.evaluate(wheel(velocity=(speed, 0.1, 0.0), spin=speed / 0.3), zp=(0.001, 0.002, part * b0), cz=5e-4)
+            r = element.evaluate(
+                wheel(velocity=(speed, 0.1, 0.0), spin=speed / 0.3), zp=(0.001, 0.002, part * b0), cz=5e-4
+            )
             found.add(value(element, r, 'my'))
         (my,) = found
         assert my * speed <= 0.0
@@ -69,8 +72,8 @@ def test_a_standing_wheel_resists_by_what_its_tread_has_given() -> None:
 @pytest.mark.parametrize('radius', [0.03, 0.55])
 @pytest.mark.parametrize('resistance', [0.004, 0.05])
 def test_a_mass_on_a_slope_stands_or_rolls_as_dry_friction_says(h: float, radius: float, resistance: float) -> None:
-    """x'' = g (s - f m), by backward Euler: at rest with b = b0 s/f below f; g (s - f) above it; from speed it comes to a stop, within the
-    way that it rolls in a step, and back by b0 and no more."""
+    """x'' = g (s - f m), by backward Euler: at rest with b = b0 s/f below f; g (s - f) above it; from speed it comes to
+    a stop, within the way that it rolls in a step, and back by b0 and no more."""
     g, (b0, t) = MODEL_GRAVITY, give_of(radius, resistance)
 
     def run(slope: float, v: float, seconds: float) -> np.ndarray:

@@ -16,7 +16,8 @@ from solver.elements.tire_pacejka import TireSpec, compile_tires
 
 @pytest.mark.parametrize('direction', ['lateral', 'longitudinal'])
 def test_63_percent_after_one_relaxation_length(direction: str) -> None:
-    """A step of small slip at 20 m/s: 1 - 1/e after sigma of travel. Step of implicit Euler 0.1 ms = 2 mm: error 2 mm/sigma/2/e."""
+    """A step of small slip at 20 m/s: 1 - 1/e after sigma of travel. Step of implicit Euler 0.1 ms = 2 mm: error 2
+    mm/sigma/2/e."""
     element = tire()
     side, spin = (-0.1, 20.0 / 0.3137) if direction == 'lateral' else (0.0, 1.005 * 20.0 / 0.3137)
     motion = dict(velocity=(20, side, 0), spin=spin)
@@ -42,7 +43,8 @@ def slope_gravity(grade: float, heading: float = 0.0) -> tuple[float, float, flo
 
 @pytest.mark.slow
 def test_a_braked_wheel_on_a_slope_stands_without_creeping() -> None:
-    """11.3 degrees, downhill obliquely: after 6 s the velocity is rounding error (a viscous tire model would creep by mm/s).
+    """11.3 degrees, downhill obliquely: after 6 s the velocity is rounding error (a viscous tire model would creep by
+    mm/s).
 
     The large vertical damping stands for the suspension, so that the bounce has died away."""
     element = tire(damping=6000.0)
@@ -66,7 +68,8 @@ def test_on_a_slope_steeper_than_friction_the_wheel_slides_with_bounded_force() 
 
 
 def test_a_locked_wheel_slides_to_rest_and_recoils_little() -> None:
-    """From 3 m/s: it stops, swings back by no more than the energy of the contact spring allows (0.5 m/s), and ends at rest."""
+    """From 3 m/s: it stops, swings back by no more than the energy of the contact spring allows (0.5 m/s), and ends at
+    rest."""
     element = tire()
     trace = drop(element, mass=400.0, gravity=(0, 0, -9.81), seconds=3.0, velocity=(3.0, 0.0, 0.0))
     v = np.array([v[0] for _, v, _ in trace])

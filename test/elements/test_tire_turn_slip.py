@@ -1,4 +1,5 @@
-"""Turn slip: off it changes nothing, small it is camber, large it takes the grip and leaves the moment of a wheel turned on the spot."""
+"""Turn slip: off it changes nothing, small it is camber, large it takes the grip and leaves the moment of a wheel
+turned on the spot."""
 
 from __future__ import annotations
 
@@ -27,11 +28,17 @@ def c() -> np.ndarray:
 
 STATES = {
     'curve': (dict(velocity=(15.0, -0.3, 0.02), spin=47.0, camber=0.04, rates=(0.1, 0.0, 0.8)), (0.002, 0.01, 0.01)),
-    'tight curve, braking': (dict(velocity=(2.5, 0.2, 0.0), spin=7.0, yaw=0.3, camber=-0.08, rates=(0.0, 0.0, 1.5)), (-0.01, 0.02, -0.02)),
+    'tight curve, braking': (
+        dict(velocity=(2.5, 0.2, 0.0), spin=7.0, yaw=0.3, camber=-0.08, rates=(0.0, 0.0, 1.5)),
+        (-0.01, 0.02, -0.02),
+    ),
     'parking': (dict(yaw=0.3, camber=0.06, rates=(0.0, 0.0, -0.6)), (0.0, 0.001, 0.02)),
     'creeping': (dict(velocity=(0.3, 0.02, 0.0), spin=1.1, camber=0.03, rates=(0.0, 0.0, 0.4)), (0.0, 0.001, 0.02)),
     'reversing': (dict(velocity=(-4.0, 0.3, 0.0), spin=-12.0, camber=0.05, rates=(0.0, 0.0, 0.5)), (0.01, 0.03, 0.02)),
-    'flying': (dict(position=(0.0, 0.0, 0.5), velocity=(9.0, 1.0, -0.5), spin=30.0, rates=(0.0, 0.0, 3.0)), (0.01, -0.02, 0.02)),
+    'flying': (
+        dict(position=(0.0, 0.0, 0.5), velocity=(9.0, 1.0, -0.5), spin=30.0, rates=(0.0, 0.0, 3.0)),
+        (0.01, -0.02, 0.02),
+    ),
 }
 
 
@@ -46,7 +53,9 @@ def test_contract_of_force_elements(state: str, road, cz: float) -> None:
 
 def test_tangents_and_power_of_another_tire() -> None:
     """A file with its own load dependence, asymmetries and pressure, mirrored; PDYP4 and QDRP2 are in no file."""
-    data = TireData(name='all', version=61, values={**EXAMPLE.values, 'PDYP4': 0.3, 'PDYP3': 2.0, 'PDXP3': 2.0, 'QDRP2': -1.5})
+    data = TireData(
+        name='all', version=61, values={**EXAMPLE.values, 'PDYP4': 0.3, 'PDYP3': 2.0, 'PDXP3': 2.0, 'QDRP2': -1.5}
+    )
     element = tire(data, HILLY, mirrored=True, pressure=220e3, turn_slip=True)
     for motion, zp in STATES.values():
         check_contract(element, wheel(**motion), pair=False, tolerance=1e-10, zp=element.states(zp), cz=5e-4)
@@ -65,7 +74,12 @@ def test_off_turn_slip_coefficients_change_nothing(state: str) -> None:
 def test_without_spin_turn_slip_changes_nothing(c: np.ndarray) -> None:
     """phi = 0: every factor is 1, to rounding, in all slips and loads."""
     off = pack(CAR.values, 61)
-    for at in (dict(kappa=0.05), dict(tan_alpha=0.1), dict(kappa=-0.1, tan_alpha=-0.05, Fz=6000.0), dict(tan_alpha=0.02, Fz=2000.0)):
+    for at in (
+        dict(kappa=0.05),
+        dict(tan_alpha=0.1),
+        dict(kappa=-0.1, tan_alpha=-0.05, Fz=6000.0),
+        dict(tan_alpha=0.02, Fz=2000.0),
+    ):
         a, b = law(off, **at), law(c, **at)
         for key in a:
             assert b[key] == pytest.approx(a[key], rel=1e-12, abs=1e-9), key
@@ -73,10 +87,13 @@ def test_without_spin_turn_slip_changes_nothing(c: np.ndarray) -> None:
 
 @pytest.mark.parametrize('data', [CAR, EXAMPLE], ids=['car', 'example'])
 def test_small_camber_without_turning_is_as_without_turn_slip(data: TireData) -> None:
-    """The camber part of the spin restores the camber stiffnesses of force (PKY6) and moment (QDZ8), (4.89) and (4.98)."""
+    """The camber part of the spin restores the camber stiffnesses of force (PKY6) and moment (QDZ8), (4.89) and
+    (4.98)."""
     on, off = pack(data.values, 61, turn_slip=True), pack(data.values, 61)
     for Fz in (2500.0, F0, 6000.0):
-        slope = [{k: np.imag(v) / 1e-30 for k, v in law(c, gamma=1e-30j, Fz=Fz + 0j, twist=0j).items()} for c in (on, off)]
+        slope = [
+            {k: np.imag(v) / 1e-30 for k, v in law(c, gamma=1e-30j, Fz=Fz + 0j, twist=0j).items()} for c in (on, off)
+        ]
         assert slope[0]['fy'] == pytest.approx(slope[1]['fy'], rel=1e-3)
         assert slope[0]['mz'] == pytest.approx(slope[1]['mz'], rel=1e-3)
 
@@ -92,7 +109,8 @@ def test_turning_is_camber_over_one_minus_epsilon(c: np.ndarray) -> None:
 
 
 def test_factors_by_hand(c: np.ndarray) -> None:
-    """At R0 phi = 0.5 the peaks of Fx and Fy fall by cos arctan(0.4 0.5), the slope of Fy by cos arctan(0.5^2) (4.77), (4.79), (4.105)."""
+    """At R0 phi = 0.5 the peaks of Fx and Fy fall by cos arctan(0.4 0.5), the slope of Fy by cos arctan(0.5^2) (4.77),
+    (4.79), (4.105)."""
     pure = pack({k: v for k, v in CAR.values.items() if k not in ('RBX1', 'RBY1')}, 61, turn_slip=True)
     zeta = 1.0 / np.hypot(1.0, 0.4 * 0.5)
     for key, slip, grid in (('fx', 'kappa', np.linspace(0, 1, 501)), ('fy', 'tan_alpha', np.linspace(-1.5, 1.5, 3001))):
@@ -104,7 +122,8 @@ def test_factors_by_hand(c: np.ndarray) -> None:
 
 
 def test_large_spin_takes_the_forces_monotonically(c: np.ndarray) -> None:
-    """Peaks of Fx and Fy fall to nothing as R0 phi grows; the moment tends to M_z phi infinity (4.95), and on the spot it only rises.
+    """Peaks of Fx and Fy fall to nothing as R0 phi grows; the moment tends to M_z phi infinity (4.95), and on the spot
+    it only rises.
 
     (A rolling wheel loses some of it on the way: the side force of the spin is a slip angle to the residual moment.)"""
     spins = np.geomspace(0.01, 1e3, 40)
@@ -138,8 +157,8 @@ def test_side_slip_takes_the_spin_moment(c: np.ndarray) -> None:
 
 
 def test_a_wheel_on_a_circle_is_pushed_outwards_and_resists() -> None:
-    """Left circle of 20 m: spin up, so the force of a wheel that leans to the right (-y) and a moment to the right; both PKY6, QDZ8
-    over (1 - PECP1), times R0/20 m."""
+    """Left circle of 20 m: spin up, so the force of a wheel that leans to the right (-y) and a moment to the right;
+    both PKY6, QDZ8 over (1 - PECP1), times R0/20 m."""
     on, off = tire(turn_slip=True), tire()
     V, R = 10.0, 20.0
     r_e = (1.0 + value(off, settled(off, wheel(velocity=(V, 0, 0), spin=V * ROLLING)), 'kappa')) / ROLLING
@@ -172,8 +191,8 @@ def test_reverse_is_forward_turned_half_round() -> None:
 
 
 def test_a_wheel_steered_on_the_spot() -> None:
-    """0.3 rad/s at rest: the moment grows like a torsion spring, K R0/(TWIST_LENGTH R0) per rad, saturates below M_z phi infinity, does
-    not creep away when the steering stops, and turns round when it is reversed."""
+    """0.3 rad/s at rest: the moment grows like a torsion spring, K R0/(TWIST_LENGTH R0) per rad, saturates below M_z
+    phi infinity, does not creep away when the steering stops, and turns round when it is reversed."""
     element = tire(turn_slip=True)
     rate, h = 0.3, 1e-3
     z, moment = (0.0, 0.0, 0.0), []
@@ -198,8 +217,12 @@ def test_a_wheel_steered_on_the_spot() -> None:
 
 def test_mirrored_tire_in_the_mirrored_turn() -> None:
     left, right = tire(EXAMPLE, turn_slip=True), tire(EXAMPLE, turn_slip=True, mirrored=True)
-    a = left.evaluate(wheel(velocity=(8.0, 0.2, 0.0), spin=25.0, camber=0.03, rates=(0.0, 0.0, 0.9)), zp=(0.0, 0.004, 0.01))
-    b = right.evaluate(wheel(velocity=(8.0, -0.2, 0.0), spin=25.0, camber=-0.03, rates=(0.0, 0.0, -0.9)), zp=(0.0, -0.004, -0.01))
+    a = left.evaluate(
+        wheel(velocity=(8.0, 0.2, 0.0), spin=25.0, camber=0.03, rates=(0.0, 0.0, 0.9)), zp=(0.0, 0.004, 0.01)
+    )
+    b = right.evaluate(
+        wheel(velocity=(8.0, -0.2, 0.0), spin=25.0, camber=-0.03, rates=(0.0, 0.0, -0.9)), zp=(0.0, -0.004, -0.01)
+    )
     for name, sign in (('fx', 1), ('fy', -1), ('fz', 1), ('mx', -1), ('my', 1), ('mz', -1)):
         assert value(right, b, name) == pytest.approx(sign * value(left, a, name), rel=1e-9), name
 

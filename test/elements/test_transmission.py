@@ -33,7 +33,9 @@ def transmission(spec, given, *, com=None):
 
 
 def test_contract(rng):
-    spec = TransmissionSpec(name='t', terms=(('rack', -1.7), ('wheel', 0.8)), harmonics=(0.2, -0.15, 0.05, 0.03), spring=LAW, damper=LAW)
+    spec = TransmissionSpec(
+        name='t', terms=(('rack', -1.7), ('wheel', 0.8)), harmonics=(0.2, -0.15, 0.05, 0.03), spring=LAW, damper=LAW
+    )
     element = transmission(spec, coordinates(rng), com=rng.normal(size=(3, 3)))
     for _ in range(3):
         check_contract(element, random_kinematics(rng, 3))
@@ -42,7 +44,9 @@ def test_contract(rng):
 def test_without_harmonics_it_is_a_coordinate_force(rng):
     given, com = coordinates(rng), rng.normal(size=(3, 3))
     terms = (('rack', -1.7), ('wheel', 0.8))
-    element = transmission(TransmissionSpec(name='t', terms=terms, harmonics=(0.0,) * 4, spring=LAW, damper=LAW), given, com=com)
+    element = transmission(
+        TransmissionSpec(name='t', terms=terms, harmonics=(0.0,) * 4, spring=LAW, damper=LAW), given, com=com
+    )
     context = ContractContext(bodies=3, com=com, coordinates=given)
     x, table = (
         context.coordinate_table(),

@@ -45,8 +45,12 @@ def test_time_reset_and_saved_states_are_the_same_whatever_the_engine(name: str)
     saved = s.save()
     ahead = s.advance(10).numbers
     s.restore(saved)
-    np.testing.assert_array_equal(s.snapshot().numbers[s.snapshot().layout['pose'][0]], there.numbers[there.layout['pose'][0]])
-    np.testing.assert_allclose(s.advance(10).numbers, ahead, rtol=0.0, atol=GOES_ON[name] * max(1.0, float(np.abs(ahead).max())))
+    np.testing.assert_array_equal(
+        s.snapshot().numbers[s.snapshot().layout['pose'][0]], there.numbers[there.layout['pose'][0]]
+    )
+    np.testing.assert_allclose(
+        s.advance(10).numbers, ahead, rtol=0.0, atol=GOES_ON[name] * max(1.0, float(np.abs(ahead).max()))
+    )
     again = pickle.loads(pickle.dumps(s))
     assert again.k == s.k and type(again.engine) is type(s.engine)
     s.reset()

@@ -1,12 +1,13 @@
-"""Damaged input of every kind: scenes, vehicles, tires, roads, maneuvers, sweeps, overrides, requirements, mappings, tolerances,
-recordings, parameters of the node, command lines.
+"""Damaged input of every kind: scenes, vehicles, tires, roads, maneuvers, sweeps, overrides, requirements, mappings,
+tolerances, recordings, parameters of the node, command lines.
 
     python test/faults/fuzz.py --count 10000 --seed 1 --out out/fuzz
 
-Every case must end in success or in one sentence, within 10 s of CPU time and 1 GB, and lose nothing in silence: a scene that is read is
-the same again after its resolved text, and a recording with a damaged byte is never read as if it were whole (fuzz_cases.py). The same seed
-gives the same cases. What was done is in OUT/cases.jsonl, and a second run goes on from there; the files of a fault stay in OUT/faults.
-Cases are children of one process that has everything compiled: about ten a second on a core.
+Every case must end in success or in one sentence, within 10 s of CPU time and 1 GB, and lose nothing in silence: a
+scene that is read is the same again after its resolved text, and a recording with a damaged byte is never read as if it
+were whole (fuzz_cases.py). The same seed gives the same cases. What was done is in OUT/cases.jsonl, and a second run
+goes on from there; the files of a fault stay in OUT/faults. Cases are children of one process that has everything
+compiled: about ten a second on a core.
 """
 
 from __future__ import annotations
@@ -55,7 +56,9 @@ def main() -> int:
     log = out / 'cases.jsonl'
     done = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
     known = {(one['seed'], one['kind'], one['case']) for one in done}
-    missing = [(kind, case) for kind, case in plan(args.count, args.kinds.split(',')) if (args.seed, kind, case) not in known]
+    missing = [
+        (kind, case) for kind, case in plan(args.count, args.kinds.split(',')) if (args.seed, kind, case) not in known
+    ]
     begin = time.monotonic()
     loaded = () if {kind for kind, _ in missing} <= READERS else EVERY
     material = make_material(out / 'material', loaded)

@@ -1,4 +1,5 @@
-"""What the world does to a running node: floods of commands and of what is no number, a namesake, a lost folder, a full disk."""
+"""What the world does to a running node: floods of commands and of what is no number, a namesake, a lost folder, a full
+disk."""
 
 from __future__ import annotations
 
@@ -41,7 +42,7 @@ while time.monotonic() - begin < float(sys.argv[1]):
         sent += 1
     time.sleep(0.0005)
 print(f'sent {sent}')
-"""
+"""  # noqa: E501
 
 
 def flood(tmp_path: Path, seconds: float, rate: float, *values: float) -> Process:
@@ -97,7 +98,8 @@ def test_a_flood_of_nan_and_infinity_changes_nothing(start, client, tmp_path: Pa
     process.process.send_signal(signal.SIGINT)
     assert process.end() == 0, process.output
     assert not UNWANTED.search(process.output)
-    assert process.output.count('is not a number') <= 3 * (2 + seconds() / 2.0)  # said now and then, not for each of them
+    # said now and then, not for each of them
+    assert process.output.count('is not a number') <= 3 * (2 + seconds() / 2.0)
     run = bag.read(tmp_path / 'run')
     assert set(np.unique(run['cmd_applied/drive_torque'])) == {0.0, 25.0}
     assert all(np.isfinite(column).all() for column in run.columns.values())
@@ -122,7 +124,9 @@ def test_a_second_node_of_the_same_name_is_noticed_and_harms_no_recording(start,
 
 @pytest.mark.slow
 @pytest.mark.parametrize('trial', trials(2, 1))
-def test_a_folder_removed_while_recording_stops_the_recording_not_the_simulation(start, tmp_path: Path, trial: int) -> None:
+def test_a_folder_removed_while_recording_stops_the_recording_not_the_simulation(
+    start, tmp_path: Path, trial: int
+) -> None:
     process = start({'record': True, 'out': 'run'})
     process.wait_for('running synthetic')
     time.sleep(0.2 + 0.1 * (trial % 10))
@@ -139,7 +143,8 @@ def test_a_folder_removed_while_recording_stops_the_recording_not_the_simulation
 @pytest.mark.slow
 @pytest.mark.parametrize('trial', trials(2, 1))
 def test_a_disk_that_fills_up_costs_what_did_not_fit(trial: int, tmp_path: Path) -> None:
-    """A limit on the size of files, which write() reports as it does a full disk; the run says so and what was written is recovered."""
+    """A limit on the size of files, which write() reports as it does a full disk; the run says so and what was written
+    is recovered."""
     import resource
 
     from faults import Victim, mbd
@@ -151,7 +156,8 @@ def test_a_disk_that_fills_up_costs_what_did_not_fit(trial: int, tmp_path: Path)
          'signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n'
          f'resource.setrlimit(resource.RLIMIT_FSIZE, ({kilobytes * 1000}, resource.RLIM_INFINITY))\n'
          'from mbd_sim_ros.commands.main import main\n'
-         'sys.exit(main(sys.argv[1:]))', *mbd('run', 'light_car_lane_change', '--set', 'duration=1000', '--out', 'out')[2:]],
+         'sys.exit(main(sys.argv[1:]))',
+         *mbd('run', 'light_car_lane_change', '--set', 'duration=1000', '--out', 'out')[2:]],
     )  # fmt: skip
     assert resource.RLIM_INFINITY
     try:

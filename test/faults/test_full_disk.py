@@ -24,7 +24,22 @@ pytestmark = [
 @pytest.fixture(scope='module')
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp('bags') / 'first'
-    assert main(['run', 'light_car_lane_change', '--duration', '0.2', '--set', 'record.every=2', '--out', str(directory), '--json']) == 0
+    assert (
+        main(
+            [
+                'run',
+                'light_car_lane_change',
+                '--duration',
+                '0.2',
+                '--set',
+                'record.every=2',
+                '--out',
+                str(directory),
+                '--json',
+            ]
+        )
+        == 0
+    )
     return directory
 
 
@@ -64,10 +79,20 @@ def refused(capfd: pytest.CaptureFixture[str], place: str, *words: object, file:
     ],
 )
 def test_a_file_on_a_full_disk(
-    file: str, words: tuple[str, ...], recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    file: str,
+    words: tuple[str, ...],
+    recording: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    refused(capfd, file.partition('/')[0], *(str(recording) if word == 'BAG' else word for word in words), file=tmp_path / file)
+    refused(
+        capfd,
+        file.partition('/')[0],
+        *(str(recording) if word == 'BAG' else word for word in words),
+        file=tmp_path / file,
+    )
 
 
 @pytest.mark.parametrize(
@@ -85,7 +110,11 @@ def test_a_file_on_a_full_disk(
     ],
 )
 def test_a_folder_that_cannot_be_made(
-    words: tuple[str, ...], recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    words: tuple[str, ...],
+    recording: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr('solver.trade.certificate.plan', None)  # minutes of searching come after it is told
     monkeypatch.chdir(tmp_path)
@@ -94,20 +123,28 @@ def test_a_folder_that_cannot_be_made(
 
 
 @pytest.mark.parametrize('name', ['scene.yaml', 'certificate.json', 'plan.html'])
-def test_a_plan_on_a_full_disk(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_plan_on_a_full_disk(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr('solver.trade.certificate.plan', lambda _: {'status': 'ok', 'settings': {}})
     monkeypatch.setattr('solver.levels.auto.keep', lambda *_: True)
     monkeypatch.setattr('solver.levels.auto.chosen', lambda scene, _: scene)
     monkeypatch.setattr('mbd_sim_ros.commands.plan._time', lambda *_: None)
-    monkeypatch.setattr('mbd_sim_ros.analysis.plan_page.write_page', lambda _search, _data, file: file.write_text('page'))
+    monkeypatch.setattr(
+        'mbd_sim_ros.analysis.plan_page.write_page', lambda _search, _data, file: file.write_text('page')
+    )
     full(tmp_path / name)
-    refused(capfd, str(tmp_path), 'plan', 'light_car_straight', '--set', 'require={yaw_rate: {rms: 2 %}}', '--out', tmp_path)
+    refused(
+        capfd, str(tmp_path), 'plan', 'light_car_straight', '--set', 'require={yaw_rate: {rms: 2 %}}', '--out', tmp_path
+    )
 
 
 def test_a_sweep_whose_rows_cannot_be_kept_stops_with_a_sentence(tmp_path: Path) -> None:
     scene = load_scene('pendulum', ['duration=0.01'])
     figures = {'a': SweepFigure(quantity=f'joint_states/{scene.model.joints[0].name}/position')}
     (tmp_path / 'rows').touch()
-    case = SweepCase(number=0, text=scene.resolved, name='pendulum', values={}, figures=figures, rows=str(tmp_path / 'rows'))
+    case = SweepCase(
+        number=0, text=scene.resolved, name='pendulum', values={}, figures=figures, rows=str(tmp_path / 'rows')
+    )
     with Workers(1) as workers, pytest.raises(BagError, match=r'rows.*File exists.*the same command goes on'):
         list(workers.run([case]))

@@ -45,13 +45,29 @@ COMMANDS = {  # command -> seconds from its start within which the signal comes,
     'evaluate': 3.0,
     'trade': 6.0,
 }
-ALIKE = ('run_unrecorded', 'compare', 'recover', 'info', 'evaluate', 'trade')  # that are interrupted in what others are interrupted in
+# that are interrupted in what others are interrupted in
+ALIKE = ('run_unrecorded', 'compare', 'recover', 'info', 'evaluate', 'trade')
 
 
 @pytest.fixture(scope='module')
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp('bags') / 'first'
-    assert main(['run', 'light_car_lane_change', '--duration', '4', '--set', 'record.every=1', '--out', str(directory), '--json']) == 0
+    assert (
+        main(
+            [
+                'run',
+                'light_car_lane_change',
+                '--duration',
+                '4',
+                '--set',
+                'record.every=1',
+                '--out',
+                str(directory),
+                '--json',
+            ]
+        )
+        == 0
+    )
     return directory
 
 
@@ -72,7 +88,16 @@ def command(name: str, recording: Path, study: str = 'slider_crank') -> list[obj
         'compile': mbd('compile', 'slider_crank'),
         'simulator': simulator(SCRIPT, '{}', '0.5', record=True, out='out'),
         'maneuver': ['-m', 'mbd_sim_ros.node.maneuver_player', '--ros-args', '-p', 'maneuver:=step_steer'],
-        'plan': mbd('plan', 'light_car_lane_change', '--set', 'require={yaw_rate: {rms: 2 %}}', '--out', 'plan', '--workers', '1'),
+        'plan': mbd(
+            'plan',
+            'light_car_lane_change',
+            '--set',
+            'require={yaw_rate: {rms: 2 %}}',
+            '--out',
+            'plan',
+            '--workers',
+            '1',
+        ),
         'sweep': mbd('sweep', 'step_steer_mass', '--out', 'sweep', '--workers', '1'),
         'drive': mbd('maneuver', 'iso4138', 'light_car', '--out', 'drive'),
         'view': mbd('view', recording, '--out', 'film.gif'),
@@ -133,13 +158,19 @@ def test_an_interrupted_command_says_one_sentence_and_ends(trial: int, recording
     if run is not None and ended.code:
         steps = run['cmd_applied/step']
         assert np.all(np.diff(steps) > 0.0)
-        whole = name == 'replay' and steps[-1] == bag.read(recording)['cmd_applied/step'][-1]  # interrupted while it compared
+        # interrupted while it compared
+        whole = name == 'replay' and steps[-1] == bag.read(recording)['cmd_applied/step'][-1]
         ended_as = {key: run.metadata.get(key) for key in ('status', 'reason', 'error', 'findings', 'end')}
-        assert run.metadata.get('status') == ('ok' if whole else 'interrupted') or 'end' in run.metadata, (ended_as, ended.lines)
+        assert run.metadata.get('status') == ('ok' if whole else 'interrupted') or 'end' in run.metadata, (
+            ended_as,
+            ended.lines,
+        )
 
 
 @pytest.mark.parametrize('name', ['run', 'simulator'])
-def test_a_second_signal_ends_the_process_at_once_and_the_recording_is_complete(name: str, recording: Path, tmp_path: Path) -> None:
+def test_a_second_signal_ends_the_process_at_once_and_the_recording_is_complete(
+    name: str, recording: Path, tmp_path: Path
+) -> None:
     """The first one finds a simulation whose step takes longer than anybody waits."""
     if name == 'simulator':
         pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
@@ -191,7 +222,8 @@ def test_a_second_signal_ends_the_process_at_once_and_the_recording_is_complete(
 
 
 def test_a_sentence_that_is_being_said_is_finished(tmp_path: Path) -> None:
-    """Whoever has begun to say why the work ends is not cut off by the thread that ends the process when its time is up."""
+    """Whoever has begun to say why the work ends is not cut off by the thread that ends the process when its time is
+    up."""
     script = (
         'import sys, time\n'
         'from mbd_sim_ros import interrupts\n'
@@ -215,7 +247,8 @@ def test_a_sentence_that_is_being_said_is_finished(tmp_path: Path) -> None:
 
 
 def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No call lasts longer than twice what is allowed, whatever record.every says, once the first steps have been measured."""
+    """No call lasts longer than twice what is allowed, whatever record.every says, once the first steps have been
+    measured."""
     from mbd_sim_ros import batch
     from solver.analysis.certificate_coverage import Weighed
 
@@ -244,8 +277,17 @@ def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytes
             spent.clear()
 
         def totals(self) -> dict[str, float]:
-            names = ('iterations', 'factorizations', 'evaluations', 'residual_max', 'energy_error_max', 'position_drift_max')
-            return dict.fromkeys((*names, 'velocity_drift_max', 'stagnated', 'substeps', 'rejected', 'events', 'smallest_step'), 0.0)
+            names = (
+                'iterations',
+                'factorizations',
+                'evaluations',
+                'residual_max',
+                'energy_error_max',
+                'position_drift_max',
+            )
+            return dict.fromkeys(
+                (*names, 'velocity_drift_max', 'stagnated', 'substeps', 'rejected', 'events', 'smallest_step'), 0.0
+            )
 
     batch.simulate(Slow(), 60)  # type: ignore[arg-type]
     assert sum(spent) == 60
@@ -265,7 +307,9 @@ STRUCK = (  # as `main` of console scripts is called, but that a signal comes in
 )
 
 
-@pytest.mark.parametrize(('imported', 'as_json'), [('argparse', False), ('tempfile', True), ('mbd_sim_ros.commands.bench', False)])
+@pytest.mark.parametrize(
+    ('imported', 'as_json'), [('argparse', False), ('tempfile', True), ('mbd_sim_ros.commands.bench', False)]
+)
 def test_a_signal_while_a_command_imports_its_first_modules_is_answered_by_one_sentence(
     imported: str, as_json: bool, tmp_path: Path
 ) -> None:
@@ -279,8 +323,12 @@ def test_a_signal_while_a_command_imports_its_first_modules_is_answered_by_one_s
     assert ended.code == 130
 
 
-@pytest.mark.parametrize(('name', 'module'), [('simulator', 'main'), ('maneuver', 'maneuver_player'), ('adapter', 'adapter')])
-def test_a_signal_while_a_node_imports_its_first_modules_is_answered_by_one_sentence(name: str, module: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('name', 'module'), [('simulator', 'main'), ('maneuver', 'maneuver_player'), ('adapter', 'adapter')]
+)
+def test_a_signal_while_a_node_imports_its_first_modules_is_answered_by_one_sentence(
+    name: str, module: str, tmp_path: Path
+) -> None:
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     script = STRUCK.format(imported='tempfile', name=name, module=f'mbd_sim_ros.node.{module}')
     victim = Victim(tmp_path, ['-c', script], ROS_DOMAIN_ID=DOMAIN, ROS_LOG_DIR=str(tmp_path / 'log'))

@@ -36,7 +36,9 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> Content:
 
 
 def children(pid: int) -> list[int]:
-    return [int(child) for task in Path(f'/proc/{pid}/task').iterdir() for child in (task / 'children').read_text().split()]
+    return [
+        int(child) for task in Path(f'/proc/{pid}/task').iterdir() for child in (task / 'children').read_text().split()
+    ]
 
 
 def gone(pid: int) -> None:
@@ -55,7 +57,9 @@ def rescued(directory: Path, new: Path) -> Content:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('trial', trials(3, 1))
-def test_a_killed_run_leaves_the_beginning_of_the_same_recording(trial: int, reference: Content, tmp_path: Path) -> None:
+def test_a_killed_run_leaves_the_beginning_of_the_same_recording(
+    trial: int, reference: Content, tmp_path: Path
+) -> None:
     whom = ('process', 'group', 'recorder')[trial % 3]
     random = times('kills', trial)
     victim = Victim(tmp_path, mbd('run', *SCENE, '--duration', '100000', '--out', 'out'))
@@ -89,7 +93,8 @@ def test_a_killed_run_leaves_the_beginning_of_the_same_recording(trial: int, ref
     files = list(tmp_path.glob('out/*.mcap*'))
     if files and not _chunks(files[0]):
         assert delay < FLUSH_SECONDS + LATE
-        assert main(['recover', str(tmp_path / 'out'), str(tmp_path / 'saved'), '--json']) == 5  # killed before the first step was there
+        # killed before the first step was there
+        assert main(['recover', str(tmp_path / 'out'), str(tmp_path / 'saved'), '--json']) == 5
         return
     saved = rescued(tmp_path / 'out', tmp_path / 'saved')
     for name, messages in saved.outputs.items():
@@ -115,7 +120,9 @@ def test_a_killed_node_loses_at_most_a_quarter_of_a_second(trial: int, tmp_path:
     whom = ('group', 'process', 'recorder')[trial % 3]
     random = times('nodes', trial)
     parameters = {'record': True, 'out': 'out', 'commands': 'maneuver'}
-    victim = Victim(tmp_path, simulator(SCRIPT, '{}', '0', **parameters), ROS_DOMAIN_ID=DOMAIN, ROS_LOG_DIR=str(tmp_path / 'log'))
+    victim = Victim(
+        tmp_path, simulator(SCRIPT, '{}', '0', **parameters), ROS_DOMAIN_ID=DOMAIN, ROS_LOG_DIR=str(tmp_path / 'log')
+    )
     try:
         assert victim.ready('running synthetic')
         begin = time.monotonic()

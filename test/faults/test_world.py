@@ -1,4 +1,5 @@
-"""What else the world does to a running node: a subscriber that never reads, other programs that want every core, a clock that is set."""
+"""What else the world does to a running node: a subscriber that never reads, other programs that want every core, a
+clock that is set."""
 
 from __future__ import annotations
 
@@ -35,7 +36,7 @@ topics = {'joint_states': JointState, 'cmd_applied': JointState, 'element_states
 kept = [node.create_subscription(kind, name, print, 1) for name, kind in topics.items()]
 print('DEAF', flush=True)
 time.sleep(600.0)
-"""
+"""  # noqa: E501
 JUMPS = """
 import itertools, time
 real, turn = time.time, itertools.cycle((0.0, 3600.0, -86400.0, 1.0e9, -1.0e9))
@@ -69,7 +70,8 @@ def test_a_subscriber_that_never_reads_holds_nothing_up(start, client, tmp_path:
         begin, first = time.monotonic(), client.applied[-1]['step']
         while time.monotonic() - begin < seconds():
             client.executor.spin_once(timeout_sec=0.05)
-        client.until(lambda: client.applied[-1]['step'] > first + 0.9 * (time.monotonic() - begin) / H)  # it keeps pace, and others hear it
+        # it keeps pace, and others hear it
+        client.until(lambda: client.applied[-1]['step'] > first + 0.9 * (time.monotonic() - begin) / H)
     finally:
         deaf.kill()
     run = stopped(process, tmp_path / 'run')
@@ -100,7 +102,9 @@ def test_a_clock_that_is_set_changes_neither_pace_nor_recording(tmp_path: Path) 
     """The clock of the day, as Python tells it, jumps by an hour, a day and thirty years at every look."""
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     environment = {'ROS_DOMAIN_ID': DOMAIN, 'ROS_LOG_DIR': str(tmp_path / 'log')}
-    victim = Victim(tmp_path, simulator(JUMPS + SCRIPT, '{}', '0', record=True, out='run', commands='maneuver'), **environment)
+    victim = Victim(
+        tmp_path, simulator(JUMPS + SCRIPT, '{}', '0', record=True, out='run', commands='maneuver'), **environment
+    )
     try:
         assert victim.ready('running synthetic')
         begin = time.monotonic()

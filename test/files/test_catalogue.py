@@ -1,4 +1,5 @@
-"""What there is by name, and the line that says what it is: the title, or the first sentence of the comment at the head of a file."""
+"""What there is by name, and the line that says what it is: the title, or the first sentence of the comment at the head
+of a file."""
 
 from __future__ import annotations
 
@@ -16,8 +17,15 @@ from solver.files.scene import find_file, known_names
         ('title: A car\nvehicle: x\n', 'A car'),
         ("# A comment.\ntitle: 'It''s: a car'  # not this\n", "It's: a car"),
         ('\ufefftitle: With a mark\r\nvehicle: x\r\n', 'With a mark'),
-        ('# First sentence, over\n# two lines. Second one.\n#\n# Third.\nkind: car\n', 'First sentence, over two lines'),
-        ('# yaml-language-server: $schema=https://x/y.json\n# SPDX-License-Identifier: MIT\n\n# Mine. More.\nkind: car\n', 'Mine'),
+        (
+            '# First sentence, over\n# two lines. Second one.\n#\n# Third.\nkind: car\n',
+            'First sentence, over two lines',
+        ),
+        (
+            '# yaml-language-server: $schema=https://x/y.json\n# SPDX-License-Identifier: MIT\n\n# Mine. More.\nkind: '
+            'car\n',
+            'Mine',
+        ),
         ('%YAML 1.2\n---\n# Below the head.\nkind: car\n', 'Below the head'),
         ('#####\n# -----\n# Ruled.\nkind: car\n', 'Ruled'),
         ('# 1.5 m wide, e.g. this one (docs/x.md).\nkind: car\n', '1.5 m wide, e.g. this one (docs/x.md)'),
@@ -40,7 +48,8 @@ def test_a_file_says_what_it_is(text: str, says: str, tmp_path: Path) -> None:
     [
         ('! A slick. Not measured.\n[UNITS]\n', 'A slick'),
         (
-            "$------------MDI_HEADER\n[MDI_HEADER]\nFILE_TYPE = 'tir'\n! : TIRE_VERSION : PAC2002\n! : COMMENT : Tire 235/60 R16\n",
+            "$------------MDI_HEADER\n[MDI_HEADER]\nFILE_TYPE = 'tir'\n! : TIRE_VERSION : PAC2002\n! : COMMENT : Tire "
+            '235/60 R16\n',
             'Tire 235/60 R16',
         ),
         ("[MDI_HEADER]\nFILE_TYPE = 'tir'\n", ''),
@@ -59,8 +68,11 @@ def test_every_delivered_file_says_what_it_is() -> None:
     assert [entry.name for entry in catalogue.entries('scenes')] == known_names()
 
 
-def test_of_two_files_with_one_name_the_one_that_is_loaded_is_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files of the current directory come first, those below config/ before those beside it; what cannot be loaded is no scene."""
+def test_of_two_files_with_one_name_the_one_that_is_loaded_is_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files of the current directory come first, those below config/ before those beside it; what cannot be loaded is
+    no scene."""
     monkeypatch.chdir(tmp_path)
     for folder, text in (('config/scenes', '# Mine, below config.\n'), ('scenes', '# Mine, beside.\n')):
         (tmp_path / folder).mkdir(parents=True)

@@ -28,7 +28,9 @@ def refused(text: str, match: str) -> str:
     return sentence
 
 
-ALIASES = 'a0: &a0 [1, 2, 3, 4, 5, 6, 7, 8]\n' + ''.join(f'a{k}: &a{k} [{", ".join([f"*a{k - 1}"] * 8)}]\n' for k in range(1, 30))
+ALIASES = 'a0: &a0 [1, 2, 3, 4, 5, 6, 7, 8]\n' + ''.join(
+    f'a{k}: &a{k} [{", ".join([f"*a{k - 1}"] * 8)}]\n' for k in range(1, 30)
+)
 
 
 def test_aliases_that_multiply_are_counted_not_followed() -> None:
@@ -151,7 +153,8 @@ def test_scenes_that_are_there_are_within_the_bounds() -> None:
 
 
 def test_a_text_that_is_read_again_has_nodes_of_its_own() -> None:
-    """The nodes of short texts are kept; what is changed in one copy must not be in the next. What an alias shares is shared in each."""
+    """The nodes of short texts are kept; what is changed in one copy must not be in the next. What an alias shares is
+    shared in each."""
     text = 'a: &a {b: [1, 2], c: "x"}\nd: *a\n'
     first, second = parse(text, 'f.yaml'), parse(text, 'f.yaml')
     override(first, 'a.b.0=7', [])

@@ -28,7 +28,9 @@ from solver.vehicle.trailer import Trailer
 jsonschema = pytest.importorskip('jsonschema', reason='comes with the extra test')
 
 ROOT = Path(__file__).parents[2]
-DELIVERED = [(kind, file) for kind, (_, folder) in KINDS.items() for file in sorted((ROOT / 'config' / folder).glob('*.yaml'))]
+DELIVERED = [
+    (kind, file) for kind, (_, folder) in KINDS.items() for file in sorted((ROOT / 'config' / folder).glob('*.yaml'))
+]
 EXAMPLES = {  # file in docs/examples -> where it stands in a vehicle that changes another one
     'van.yaml': (),
     'power.yaml': ('engine', 'power'),
@@ -75,7 +77,9 @@ def names(paths: list[tuple[str, Path]]) -> list[str]:
 def test_every_delivered_file_is_valid(kind: str, file: Path) -> None:
     """As it stands, with names of files in it; scenes and vehicles also with all that they include."""
     node = parse(file.read_text(encoding='utf-8'), file.name)
-    errors = [f'{"/".join(map(str, e.absolute_path))}: {e.message[:200]}' for e in validator(kind).iter_errors(value(node))]
+    errors = [
+        f'{"/".join(map(str, e.absolute_path))}: {e.message[:200]}' for e in validator(kind).iter_errors(value(node))
+    ]
     assert errors == []
     if kind == 'vehicle':
         assert validator(kind).is_valid(value(include(node, [file.parent.parent])))
@@ -122,14 +126,17 @@ def refused(kind: str, text: str) -> str:
 
 VEHICLES = [(kind, file) for kind, file in DELIVERED if kind == 'vehicle']
 SCENES = [
-    (kind, file) for kind, file in DELIVERED if kind == 'scene' and file.stem in ('car_split_mu_brake', 'slider_crank', 'car_lane_change')
+    (kind, file)
+    for kind, file in DELIVERED
+    if kind == 'scene' and file.stem in ('car_split_mu_brake', 'slider_crank', 'car_lane_change')
 ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'file'), VEHICLES + SCENES, ids=names(VEHICLES + SCENES))
 def test_an_unknown_key_is_refused_where_the_loader_refuses_it(kind: str, file: Path, rng: np.random.Generator) -> None:
-    """A key that nothing has in mappings all over the file with its includes, one at a time: both refuse it, or both take it."""
+    """A key that nothing has in mappings all over the file with its includes, one at a time: both refuse it, or both
+    take it."""
     root = include(parse(file.read_text(encoding='utf-8'), file.name), config_directories())
     found = list(mappings(root))
     judged = 0
@@ -157,9 +164,18 @@ GOOD = {
     'part of a part': ('scene', 'vehicle: {<<: vehicles/full_car.yaml, chassis: {mass: 1500}}'),
     'another hitch': ('scene', 'vehicle: {<<: vehicles/compact_fwd.yaml, hitch_mm: [-2200, 0, 400]}'),
     'a scene that changes one': ('scene', '<<: scenes/car_step_steer.yaml\nduration: 2'),
-    'a quantity': ('scene', 'vehicle: vehicles/full_car.yaml\nrequire: {yaw_rate: {rms: 2 %}, wheel_load: {front_left: {max: 100 N}}}'),
-    'quantities under accuracy': ('scene', 'vehicle: vehicles/full_car.yaml\nrequire: {accuracy: {odom/pose/x: {max: 0.1}}}'),
-    'a signal and a number': ('maneuver', 'steering: {kind: ramp, start: 1, slope: 0.2, final: 0.5}\ndrive_torque: 100'),
+    'a quantity': (
+        'scene',
+        'vehicle: vehicles/full_car.yaml\nrequire: {yaw_rate: {rms: 2 %}, wheel_load: {front_left: {max: 100 N}}}',
+    ),
+    'quantities under accuracy': (
+        'scene',
+        'vehicle: vehicles/full_car.yaml\nrequire: {accuracy: {odom/pose/x: {max: 0.1}}}',
+    ),
+    'a signal and a number': (
+        'maneuver',
+        'steering: {kind: ramp, start: 1, slope: 0.2, final: 0.5}\ndrive_torque: 100',
+    ),
     'a law as points': (
         'mechanism',
         BODY + 'spring_dampers: {s: {i: world, j: a, free_length: 1, spring: [[-1, -5], [1, 5]]}}',
@@ -175,7 +191,10 @@ GOOD = {
     ),
     'entries as a list': ('mechanism', 'bodies: [{name: a, mass: 1, inertia: [1, 1, 1]}]'),
     'a linkage by kind': ('mechanism', 'kind: chain\nlinks: 4'),
-    'a random road': ('road', 'grids: [{kind: random_road, origin: [5, -6], length: 20, width: 12, quality: C, seed: 7}]'),
+    'a random road': (
+        'road',
+        'grids: [{kind: random_road, origin: [5, -6], length: 20, width: 12, quality: C, seed: 7}]',
+    ),
 }
 BAD = {
     'no model': ('scene', 'duration: 5'),
@@ -226,7 +245,9 @@ def test_what_is_wrong_is_refused_by_both(name: str) -> None:
 
 def test_the_files_in_config_are_those_of_the_code() -> None:
     for name, text in files().items():
-        assert (ROOT / 'config' / 'schema' / name).read_text(encoding='utf-8') == text, 'run `python docs/tools/tables.py`'
+        assert (ROOT / 'config' / 'schema' / name).read_text(encoding='utf-8') == text, (
+            'run `python docs/tools/tables.py`'
+        )
 
 
 def test_references_lead_somewhere_and_nothing_is_left_over() -> None:

@@ -1,4 +1,5 @@
-"""Roads from OpenCRG files, written here by the standard: against ASAM's own library (pycrg), by law, and what is refused."""
+"""Roads from OpenCRG files, written here by the standard: against ASAM's own library (pycrg), by law, and what is
+refused."""
 
 from __future__ import annotations
 
@@ -36,10 +37,16 @@ GRID = np.random.default_rng(5).normal(0.0, 0.02, (ROWS, len(UNEVEN)))
 UNITS = {'phi': 'rad', 'slope': 'm/m', 'banking': 'm/m'}
 
 
-def crg(path: Path, table: np.ndarray, channels: Sequence[str], head: str = '', form: str = 'LDFI', more: str = '') -> Path:
-    """Write an OpenCRG file: rows of channels in one of the four forms. head: entries of $ROAD_CRG; more: further sections."""
+def crg(
+    path: Path, table: np.ndarray, channels: Sequence[str], head: str = '', form: str = 'LDFI', more: str = ''
+) -> Path:
+    """Write an OpenCRG file: rows of channels in one of the four forms. head: entries of $ROAD_CRG; more: further
+    sections."""
     definition = '\n'.join(f'D:{name},{UNITS.get(name.split()[-1], "m")}' for name in channels)
-    text = f'$CT\ncomment\n$\n{more}$ROAD_CRG\nreference_line_increment = {STEP}\n{head}\n$\n$KD_DEFINITION\n#:{form}\n{definition}\n$\n'
+    text = (
+        f'$CT\ncomment\n$\n{more}$ROAD_CRG\nreference_line_increment = '
+        f'{STEP}\n{head}\n$\n$KD_DEFINITION\n#:{form}\n{definition}\n$\n'
+    )
     if form[0] == 'K':
         data = table.astype('>f4' if form == 'KRBI' else '>f8').tobytes()
         data += b'\x7f\xf8\0\0' * (-len(data) % 80 // 4)
@@ -97,7 +104,8 @@ def heights(grid: CurvedGrid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def compare(path: Path, *, nodes: bool = True, beyond: tuple[float, float] = (1.3, 1.3)) -> CurvedGrid:
-    """Against ASAM's library: the file as read, between its nodes and beyond its borders; the road of the solver, at the nodes."""
+    """Against ASAM's library: the file as read, between its nodes and beyond its borders; the road of the solver, at
+    the nodes."""
     file = Crg(path=path)
     _sections(path, file, ())
     modifiers = DEFAULTS if file.modifiers is None else file.modifiers
@@ -123,19 +131,31 @@ def compare(path: Path, *, nodes: bool = True, beyond: tuple[float, float] = (1.
 @pytest.mark.parametrize('form', ['LRFI', 'LDFI', 'KRBI', 'KDBI'])
 def test_every_form_of_numbers(tmp_path: Path, form: str) -> None:
     table = np.round(RNG.uniform(-0.05, 0.05, (21, 9)), 4)
-    head = 'reference_line_start_u = 0.0\nreference_line_end_u = 10.0 ! metres\nREFERENCE_LINE_START_X = 5\nreference_line_start_phi = 0.5'
+    head = (
+        'reference_line_start_u = 0.0\nreference_line_end_u = 10.0 ! metres\nREFERENCE_LINE_START_X = '
+        '5\nreference_line_start_phi = 0.5'
+    )
     grid = compare(crg(tmp_path / 'road.crg', table, sections(), head, form, '$ROAD_CRG_MODS\n$\n'), beyond=(0.2, 0.0))
     c, s = np.cos(0.5), np.sin(0.5)
     for i, j in ((0, 0), (7, 3), (20, 8)):
         u, v = 0.5 * i, -2.0 + 0.5 * j
-        assert heights(grid, np.array([5.0 + u * c - v * s]), np.array([u * s + v * c]))[0] == pytest.approx(table[i, j], abs=1e-8)
+        assert heights(grid, np.array([5.0 + u * c - v * s]), np.array([u * s + v * c]))[0] == pytest.approx(
+            table[i, j], abs=1e-8
+        )
 
 
 POINT = 'refpoint_x = 1\nrefpoint_y = 2\nrefpoint_z = 3\nrefpoint_phi = 0.4'
 OFFSETS = 'refline_offset_x = 1\nrefline_offset_y = 2\nrefline_offset_z = 3\nrefline_offset_phi = 0.3'
 MODIFIERS = (
     *(None, ''),
-    *('scale_z_grid = 2', 'scale_slope = 0.5', 'scale_banking = 3', 'scale_length = 1.2', 'scale_width = 0.8', 'scale_curvature = 0.5'),
+    *(
+        'scale_z_grid = 2',
+        'scale_slope = 0.5',
+        'scale_banking = 3',
+        'scale_length = 1.2',
+        'scale_width = 0.8',
+        'scale_curvature = 0.5',
+    ),
     'refpoint_u = 8\nrefpoint_x = 4\nrefpoint_phi = 1',
     f'refpoint_u_fraction = 0.25\nrefpoint_u_offset = 0.3\nrefpoint_v = 0.5\n{POINT}',
     'refpoint_v_fraction = 0.2\nrefpoint_v_offset = 0.1',
@@ -149,10 +169,19 @@ MODIFIERS = (
 @pytest.mark.parametrize('channels', [(), ('phi',), ('slope',), ('banking',), ('phi', 'slope', 'banking')])
 def test_modifiers(tmp_path: Path, channels: tuple[str, ...]) -> None:
     for modifiers in MODIFIERS:
-        compare(along(tmp_path / 'road.crg', channels, modifiers=modifiers, head='reference_line_start_x = 5\nreference_line_start_y = -2'))
+        compare(
+            along(
+                tmp_path / 'road.crg',
+                channels,
+                modifiers=modifiers,
+                head='reference_line_start_x = 5\nreference_line_start_y = -2',
+            )
+        )
 
 
-@pytest.mark.parametrize('modifiers', [None, 'grid_nan_mode = 2', 'grid_nan_mode = 1', 'grid_nan_mode = 1\ngrid_nan_offset = 0.1'])
+@pytest.mark.parametrize(
+    'modifiers', [None, 'grid_nan_mode = 2', 'grid_nan_mode = 1', 'grid_nan_mode = 1\ngrid_nan_offset = 0.1']
+)
 def test_missing_heights(tmp_path: Path, modifiers: str | None) -> None:
     grid = GRID.copy()
     grid[4, :2] = grid[7, 5] = grid[9, 2] = np.nan
@@ -160,11 +189,14 @@ def test_missing_heights(tmp_path: Path, modifiers: str | None) -> None:
 
 
 def test_border_modes(tmp_path: Path) -> None:
-    """Repeated and reflected to the left and right the library's banking depends on how the sections are given: without it here."""
+    """Repeated and reflected to the left and right the library's banking depends on how the sections are given: without
+    it here."""
     for u, v in itertools.product(range(5), range(5)):
         channels = ('phi', 'slope') if v > 2 else ('phi', 'slope', 'banking')
         for offsets in ('', 'border_offset_u = 0.2\nborder_offset_v = -0.3'):
-            file = along(tmp_path / 'road.crg', channels, options=f'border_mode_u = {u}\nborder_mode_v = {v}\n{offsets}')
+            file = along(
+                tmp_path / 'road.crg', channels, options=f'border_mode_u = {u}\nborder_mode_v = {v}\n{offsets}'
+            )
             grid = compare(file, nodes=3 not in (u, v))  # the last row of a repeated road leads over to its first
             assert (0 in (u, v)) == any('BORDER_MODE 0' in note for note in grid.notes)
 
@@ -173,7 +205,15 @@ def test_border_modes(tmp_path: Path) -> None:
 def test_smoothing(tmp_path: Path, mode: int) -> None:
     options = f'border_mode_u = {mode}\nborder_smooth_ubeg = 3\nborder_smooth_uend = 4'
     compare(along(tmp_path / 'road.crg', options=options))
-    compare(along(tmp_path / 'road.crg', (), options=options, modifiers='', head='reference_line_start_z = 2\nreference_line_end_z = 2'))
+    compare(
+        along(
+            tmp_path / 'road.crg',
+            (),
+            options=options,
+            modifiers='',
+            head='reference_line_start_z = 2\nreference_line_end_z = 2',
+        )
+    )
 
 
 @pytest.mark.parametrize(
@@ -198,14 +238,21 @@ def test_virtual_channels_decide_nothing(tmp_path: Path, u: str) -> None:
 
 
 def test_files_that_refer_to_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sections of the outer file replace those of the inner one, whatever their order; a name may stand in several lines."""
+    """Sections of the outer file replace those of the inner one, whatever their order; a name may stand in several
+    lines."""
     (tmp_path / 'deep').mkdir()
     along(tmp_path / 'deep' / 'road.crg', options='border_mode_v = 1', modifiers='scale_z_grid = 3')
     plain = grid_of(along(tmp_path / 'plain.crg', options='border_mode_v = 1', modifiers='scale_z_grid = 3')).sha256
     other = grid_of(along(tmp_path / 'other.crg', options='border_mode_v = 1', modifiers='scale_z_grid = 2')).sha256
     monkeypatch.setenv('ROADS', str(tmp_path / 'deep'))
     for k, named in enumerate(
-        ('  deep/road.crg ! relative', ' deep/ro\n ad.crg', ' $ROADS/road.crg', '$ROADS/road.crg', f' {tmp_path}/deep/road.crg')
+        (
+            '  deep/road.crg ! relative',
+            ' deep/ro\n ad.crg',
+            ' $ROADS/road.crg',
+            '$ROADS/road.crg',
+            f' {tmp_path}/deep/road.crg',
+        )
     ):
         for text, expected in (
             (f'$ROAD_CRG_FILE\n* a comment\n{named}\n$\n', plain),
@@ -236,14 +283,17 @@ def test_a_curved_road_runs_where_its_line_does(tmp_path: Path) -> None:
     for length, v in itertools.product((10.0, 15.0, 17.0, 25.0), (-1.5, 0.0, 1.5)):
         angle = length / 20.0
         x, y = (20.0 - v) * np.sin(angle), 20.0 - (20.0 - v) * np.cos(angle)
-        assert heights(grid, np.array([x]), np.array([y]))[0] == pytest.approx(0.05 * np.exp(-(((length - 15.0) / 2.0) ** 2)), abs=1e-4)
+        assert heights(grid, np.array([x]), np.array([y]))[0] == pytest.approx(
+            0.05 * np.exp(-(((length - 15.0) / 2.0) ** 2)), abs=1e-4
+        )
         assert within(grid, np.array([x, -x, x + 50.0]), np.array([y, -y, y])).tolist() == [True, False, False]
     assert grid.place(15.0, 1.0) == pytest.approx((19.0 * np.sin(0.75), 20.0 - 19.0 * np.cos(0.75)), abs=2e-3)
 
 
 @pytest.mark.parametrize('modes', [(2, 2), (3, 4), (4, 3), (2, 1)])
 def test_slopes_and_curvatures_are_derivatives(tmp_path: Path, modes: tuple[int, int]) -> None:
-    """Of the height by complex steps, of the slopes likewise: on the road, beyond its borders and ends, and inside of its curve."""
+    """Of the height by complex steps, of the slopes likewise: on the road, beyond its borders and ends, and inside of
+    its curve."""
     options = 'border_mode_u = {}\nborder_mode_v = {}'.format(*modes)
     road = Ref(compile_road(RoadSpec(grids=(grid_of(along(tmp_path / 'road.crg', options=options)),))))
     for x, y in ((5.0, 0.3), (9.7, 1.1), (-3.0, 0.5), (24.0, 7.0), (10.0, -2.7), (12.0, 6.0)):
@@ -253,7 +303,9 @@ def test_slopes_and_curvatures_are_derivatives(tmp_path: Path, modes: tuple[int,
         found = [d.imag / 1e-30 for d in (dx[0], dy[0], dx[1], dy[1], dy[2])]
         np.testing.assert_allclose([h_x, h_y, h_xx, h_xy, h_yy], found, atol=1e-9, rtol=1e-9)
     circle_road = Ref(compile_road(RoadSpec(grids=(grid_of(circle(tmp_path / 'circle.crg')),))))
-    assert np.isfinite([surface_at(circle_road, x, y)[0] for x in (-30.0, 0.0, 1.0, 60.0) for y in (20.0, 19.0, -60.0)]).all()
+    assert np.isfinite(
+        [surface_at(circle_road, x, y)[0] for x in (-30.0, 0.0, 1.0, 60.0) for y in (20.0, 19.0, -60.0)]
+    ).all()
 
 
 def test_a_road_that_is_repeated_goes_on(tmp_path: Path) -> None:
@@ -271,12 +323,21 @@ def test_numbers_stay_together_with_their_hash(tmp_path: Path) -> None:
     data = stored.packed(grid.sha256)
     stored.accept(data, grid.sha256)
     assert stored.find('0' * 64) is None
-    for damaged in (data[:-9], data[:40] + b'x' + data[41:], b'', b'mbd arrays 1\n', b'mbd arrays 1\n[["a", "<f8", [99999999999]]]\n'):
+    for damaged in (
+        data[:-9],
+        data[:40] + b'x' + data[41:],
+        b'',
+        b'mbd arrays 1\n',
+        b'mbd arrays 1\n[["a", "<f8", [99999999999]]]\n',
+    ):
         with pytest.raises(Exception, match='are damaged'):
             stored.accept(damaged, grid.sha256)
 
 
-HEAD = '$ROAD_CRG\nreference_line_increment = 0.5\n$\n$KD_DEFINITION\n#:LRFI\nD:long section at v = -1,m\nD:long section at v = 1,m\n$\n'
+HEAD = (
+    '$ROAD_CRG\nreference_line_increment = 0.5\n$\n$KD_DEFINITION\n#:LRFI\nD:long section at v = -1,m\nD:long '
+    'section at v = 1,m\n$\n'
+)
 TEXT = HEAD + '$' * 72 + '\n'
 ROW = '       0.0       0.0\n'
 FLAT = TEXT + 3 * ROW
@@ -298,33 +359,60 @@ def with_section(name: str, *lines: str) -> str:
         ('\0' * 500, 'has no data'),
         (FLAT.replace('#:LRFI', '#:XYZ'), ':5: data of the form XYZ are not supported'),
         (FLAT.replace('reference_line_increment = 0.5', ''), 'reference_line_increment is missing'),
-        (FLAT.replace('= 0.5', '= -1'), ':2: reference_line_increment = -1: the increment of the reference line must be positive'),
+        (
+            FLAT.replace('= 0.5', '= -1'),
+            ':2: reference_line_increment = -1: the increment of the reference line must be positive',
+        ),
         (with_entry('reference_line_start_x = here'), ':3: reference_line_start_x = here: must be a finite number'),
         (with_entry('reference_line_strat_x = 1'), 'reference_line_strat_x = 1: is no key of this section'),
         (with_entry('reference_line_end_u = 1e9'), ':3: reference_line_end_u = 1000000000: 2e+09 rows'),
-        (with_entry('reference_line_end_u = 10'), 'has 3 rows instead of 21, up to reference_line_end_u: it was cut off'),
+        (
+            with_entry('reference_line_end_u = 10'),
+            'has 3 rows instead of 21, up to reference_line_end_u: it was cut off',
+        ),
         (TEXT + ROW, 'has 1 rows of 2 numbers'),
         (TEXT + 3 * '       abc       0.0\n', ':10: column 1 (long section at v = -1) = abc: must be a number'),
         (TEXT + ROW + '       0.0\n' + ROW, ':11: column 2 (long section at v = 1) = nothing: must be a number'),
-        (TEXT + ROW + '       0.0       0.0       0.0\n', ':11: has 30 characters instead of 20: 10 for each of 2 numbers'),
+        (
+            TEXT + ROW + '       0.0       0.0       0.0\n',
+            ':11: has 30 characters instead of 20: 10 for each of 2 numbers',
+        ),
         (TEXT + 3 * ' *missing* *missing*\n', 'row 1 has no height at all'),
         (TEXT + 3 * '  9000000.       0.0\n', 'beyond 1e6'),
         (FLAT.replace('v = 1,', 'v = -1,'), 'the distances of the long sections must be given and differ by 1e-06 m'),
-        (FLAT.replace('at v = 1,', '2,'), 'long sections must be given all by v, or all by the numbers 1, 2, ... in this order'),
-        (TEXT.replace('D:long section at v = 1,m\n', '') + 3 * '       0.0\n', 'has 1 long sections: must have two or more'),
+        (
+            FLAT.replace('at v = 1,', '2,'),
+            'long sections must be given all by v, or all by the numbers 1, 2, ... in this order',
+        ),
+        (
+            TEXT.replace('D:long section at v = 1,m\n', '') + 3 * '       0.0\n',
+            'has 1 long sections: must have two or more',
+        ),
         (with_section('FILE', 'other.crg'), ':2: other.crg: no such file'),
         ('$ROAD_CRG_FILE\nroad.crg\n$\n', ':2: road.crg: the file refers to itself'),
         (with_section('FILE', ' $NO_SUCH_PLACE/a.crg'), ':2: $NO_SUCH_PLACE: there is no such environment variable'),
         (with_section('FILE', '$NO_SUCH_PLACE/a.crg'), ':2: $NO_SUCH_PLACE: there is no such environment variable'),
         (with_section('FILE', '$NO_SUCH.crg'), ':2: $NO_SUCH: there is no such environment variable'),
-        (with_section('FILE', '$NO_SUCH_PLACE'), 'names no file (a word behind a $ in the first column begins a section)'),
+        (
+            with_section('FILE', '$NO_SUCH_PLACE'),
+            'names no file (a word behind a $ in the first column begins a section)',
+        ),
         (with_section('FILE'), 'the section $ROAD_CRG_FILE names no file'),
-        (with_section('MODS', 'scale_zgrid = 2'), ':2: scale_zgrid = 2: is no key of this section of OpenCRG 1.2; did you mean'),
+        (
+            with_section('MODS', 'scale_zgrid = 2'),
+            ':2: scale_zgrid = 2: is no key of this section of OpenCRG 1.2; did you mean',
+        ),
         (with_section('MODS', 'grid_nan_mode = 3'), ':2: grid_nan_mode = 3: must be one of 0, 1, 2'),
         (with_section('MODS', 'scale_length = 0'), ':2: scale_length = 0: must be positive'),
-        (with_section('MODS', 'refpoint_u_offset = 1'), ':2: refpoint_u_offset = 1: has an effect beside REFPOINT_U_FRACTION only'),
+        (
+            with_section('MODS', 'refpoint_u_offset = 1'),
+            ':2: refpoint_u_offset = 1: has an effect beside REFPOINT_U_FRACTION only',
+        ),
         (with_section('OPTS', 'border_mode_u = 5'), ':2: border_mode_u = 5: must be one of 0, 1, 2, 3, 4'),
-        (with_section('OPTS', 'border_smooth_ubeg = 9'), ':2: border_smooth_ubeg = 9: must be in [0, 1], the length of the road'),
+        (
+            with_section('OPTS', 'border_smooth_ubeg = 9'),
+            ':2: border_smooth_ubeg = 9: must be in [0, 1], the length of the road',
+        ),
         (with_section('OPTS', 'something'), ":2: 'something': must be KEY = value"),
     ],
 )
@@ -364,8 +452,16 @@ def test_what_is_given_twice_is_told_and_the_last_counts_as_in_the_library(tmp_p
             '',
             f'reference_line_increment is given twice: 1 of {place}:6 counts, not 0.5 of {place}:5',
         ),
-        ('reference_line_start_z = 1\nREFERENCE_LINE_START_Z = 2', '$ROAD_CRG_MODS\n$\n', 'START_Z is given twice: 2 of'),
-        ('', '$ROAD_CRG_MODS\nscale_z_grid = 2\nscale_z_grid = 3\n$\n', f'scale_z_grid is given twice: 3 of {place}:6 counts, not 2 of'),
+        (
+            'reference_line_start_z = 1\nREFERENCE_LINE_START_Z = 2',
+            '$ROAD_CRG_MODS\n$\n',
+            'START_Z is given twice: 2 of',
+        ),
+        (
+            '',
+            '$ROAD_CRG_MODS\nscale_z_grid = 2\nscale_z_grid = 3\n$\n',
+            f'scale_z_grid is given twice: 3 of {place}:6 counts, not 2 of',
+        ),
         ('', '$ROAD_CRG_OPTS\nborder_mode_u = 1\nborder_mode_u = 2\n$\n', 'border_mode_u is given twice: 2 of'),
         (
             '',
@@ -390,7 +486,8 @@ def test_a_head_with_tabs_and_a_swapped_exponent(tmp_path: Path) -> None:
 
 
 def test_damaged_files_are_refused_in_one_sentence_or_read(tmp_path: Path) -> None:
-    """Bytes, pieces and lines of a file changed by chance: a road, or a refusal that names the file; nothing else, and no line break."""
+    """Bytes, pieces and lines of a file changed by chance: a road, or a refusal that names the file; nothing else, and
+    no line break."""
     rng = np.random.default_rng(7)
     whole = along(tmp_path / 'whole.crg', modifiers=POINT, options='border_mode_u = 3').read_bytes()
     pieces = (
@@ -435,7 +532,8 @@ def test_damaged_files_are_refused_in_one_sentence_or_read(tmp_path: Path) -> No
 
 
 def test_between_its_heights_the_road_differs_from_the_bilinear_one_by_what_is_told(tmp_path: Path) -> None:
-    """Against the library in the middle of all cells and of their edges, where the surface is smooth through the same heights."""
+    """Against the library in the middle of all cells and of their edges, where the surface is smooth through the same
+    heights."""
     path = along(tmp_path / 'road.crg')
     grid = grid_of(path)
     note = next(note for note in grid.notes if 'they differ by up to' in note)
@@ -454,7 +552,8 @@ def test_between_its_heights_the_road_differs_from_the_bilinear_one_by_what_is_t
 
 
 def test_a_flat_road_differs_nowhere_and_a_slope_at_its_border_only() -> None:
-    """Beyond its border a road is level, and the spline bends there; of what is rough the difference is of the order of the heights."""
+    """Beyond its border a road is level, and the spline bends there; of what is rough the difference is of the order of
+    the heights."""
     slope = np.add.outer(0.1 * np.arange(40.0), 0.03 * np.arange(7.0))
     flat, edge, rough = (
         from_bilinear(Heights((0.0, 0.0), (0.01, 0.02), 0.0, height))

@@ -1,4 +1,5 @@
-"""A merge key in quotes, as dumpers of YAML and JSON write it, is named; without the sentence two errors about other keys misled."""
+"""A merge key in quotes, as dumpers of YAML and JSON write it, is named; without the sentence two errors about other
+keys misled."""
 
 from __future__ import annotations
 
@@ -18,7 +19,9 @@ from solver.files.scene import load_scene, load_scene_text
     ],
 )
 def test_a_quoted_merge_key_is_named(text: str, line: int) -> None:
-    with pytest.raises(SceneError, match=rf"scene:{line}: .*<<: the key '<<' is in quotes: write it, and the name of its file, without"):
+    with pytest.raises(
+        SceneError, match=rf"scene:{line}: .*<<: the key '<<' is in quotes: write it, and the name of its file, without"
+    ):
         load_scene_text(text)
 
 

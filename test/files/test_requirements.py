@@ -1,4 +1,5 @@
-"""What a scene requires of accuracy, as text: limits with units beside the numeric keys of `require`, refusals of one sentence."""
+"""What a scene requires of accuracy, as text: limits with units beside the numeric keys of `require`, refusals of one
+sentence."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ def test_quantities_stand_beside_the_other_keys() -> None:
     scene = load_scene(
         CAR,
         [
-            'require={residual_max: 0.1, yaw_rate: {rms: 2 %, delay: 5 ms}, tire_force.front_left.y: {max: 5 %}, position: {max: 0.1 m}}',
+            'require={residual_max: 0.1, yaw_rate: {rms: 2 %, delay: 5 ms}, tire_force.front_left.y: {max: 5 %}, '
+            'position: {max: 0.1 m}}',
             'budget={real_time_factor: 5}',
         ],
     )
@@ -44,7 +46,9 @@ def test_quantities_stand_beside_the_other_keys() -> None:
     ],
 )
 def test_limits_are_converted_to_si_units(text: str, value: float) -> None:
-    assert accuracy(f'require.yaw_rate.max={text}')['yaw_rate'].max == Bound(pytest.approx(value, rel=1e-15), share=False)
+    assert accuracy(f'require.yaw_rate.max={text}')['yaw_rate'].max == Bound(
+        pytest.approx(value, rel=1e-15), share=False
+    )
 
 
 def test_one_limit_in_two_units_is_one_limit() -> None:
@@ -53,8 +57,12 @@ def test_one_limit_in_two_units_is_one_limit() -> None:
 
 
 def test_dots_of_a_name_may_be_levels_and_columns_of_recordings_have_their_names() -> None:
-    assert accuracy('require.tire_force.front_left.y.max=5 %') == accuracy('require={tire_force.front_left.y: {max: 5 %}}')
-    assert accuracy('require.joint_states/rack/position.max=1 mm') == {'joint_states/rack/position': Accuracy(max=Bound(1e-3))}
+    assert accuracy('require.tire_force.front_left.y.max=5 %') == accuracy(
+        'require={tire_force.front_left.y: {max: 5 %}}'
+    )
+    assert accuracy('require.joint_states/rack/position.max=1 mm') == {
+        'joint_states/rack/position': Accuracy(max=Bound(1e-3))
+    }
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,5 @@
-"""Roads from pictures and arrays, written here by their specifications, and what is refused (OpenCRG: test_opencrg.py)."""
+"""Roads from pictures and arrays, written here by their specifications, and what is refused (OpenCRG:
+test_opencrg.py)."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ RNG = np.random.default_rng(4)
 
 
 def png(path: Path, grey: np.ndarray, filters: int | None = None, depth: int = 16) -> Path:
-    """Write rows of integers as a greyscale picture; filters: the filter of every row, None: row k has filter k mod 5."""
+    """Write rows of integers as a greyscale picture; filters: the filter of every row, None: row k has filter k mod
+    5."""
     height, width = grey.shape
     size = depth // 8
     rows = [row.astype('>u2' if depth == 16 else 'u1').tobytes() for row in grey]
@@ -40,7 +42,9 @@ def png(path: Path, grey: np.ndarray, filters: int | None = None, depth: int = 1
         return struct.pack('>I', len(body)) + kind + body + struct.pack('>I', zlib.crc32(kind + body))
 
     head = struct.pack('>IIBBBBB', width, height, depth, 0, 0, 0, 0)
-    path.write_bytes(b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', head) + chunk(b'IDAT', zlib.compress(packed)) + chunk(b'IEND', b''))
+    path.write_bytes(
+        b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', head) + chunk(b'IDAT', zlib.compress(packed)) + chunk(b'IEND', b'')
+    )
     return path
 
 
@@ -93,7 +97,11 @@ def test_pictures_and_arrays_that_are_refused(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(content)
         with pytest.raises(SceneError, match=words):
             (read_png if name.endswith('png') else read_npz)(tmp_path / name)
-    for values, words in ((np.ones(3), 'shape'), (np.full((2, 2), np.nan), 'finite'), (np.array([['a', 'b']] * 2), 'must be numbers')):
+    for values, words in (
+        (np.ones(3), 'shape'),
+        (np.full((2, 2), np.nan), 'finite'),
+        (np.array([['a', 'b']] * 2), 'must be numbers'),
+    ):
         np.savez(tmp_path / 'g.npz', values)
         with pytest.raises(SceneError, match=words):
             read_npz(tmp_path / 'g.npz')

@@ -20,7 +20,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize('name', known_names())
-def test_resolved_scene_loads_again_to_the_same_scene(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_resolved_scene_loads_again_to_the_same_scene(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scene = load_scene(name)
     monkeypatch.chdir(tmp_path)  # nothing but the text is needed
     again = load_scene_text(scene.resolved, 'elsewhere')
@@ -45,9 +47,15 @@ def test_slider_crank_is_the_one_of_the_chapter() -> None:
 
 def test_overrides_are_checked_like_the_file_and_are_in_the_resolved_text() -> None:
     scene = load_scene(
-        'slider_crank', ['integrator.h=2e-3', 'mechanism.bodies.slider.mass=0.02', 'mechanism.bodies.crank.com[0]=0.4', 'title=other']
+        'slider_crank',
+        ['integrator.h=2e-3', 'mechanism.bodies.slider.mass=0.02', 'mechanism.bodies.crank.com[0]=0.4', 'title=other'],
     )
-    assert (scene.integrator.h_ns, scene.model.bodies[3].mass, scene.model.bodies[1].com[0], scene.title) == (2_000_000, 0.02, 0.4, 'other')
+    assert (scene.integrator.h_ns, scene.model.bodies[3].mass, scene.model.bodies[1].com[0], scene.title) == (
+        2_000_000,
+        0.02,
+        0.4,
+        'other',
+    )
     assert load_scene_text(scene.resolved) == scene
     assert load_scene('slider_crank', ['start={}']).start.coordinates == {}
 
@@ -61,14 +69,20 @@ def test_overrides_are_checked_like_the_file_and_are_in_the_resolved_text() -> N
         ('integrator.rho_inf=1.2', '--set integrator.rho_inf: integrator.rho_inf = 1.2: must be in [0, 1]'),
         ('duration', 'write it as path.to.key=value'),
         ('duration.x=1', 'is a plain value'),
-        ('duration=0.0004', '--set duration: duration = 0.0004: makes no step of 0.001 s; take longer, or a smaller integrator.h'),
+        (
+            'duration=0.0004',
+            '--set duration: duration = 0.0004: makes no step of 0.001 s; take longer, or a smaller integrator.h',
+        ),
         ('mechanism.bodies.crank.com[3]=1', 'is a list of 3'),
         ('start.coordinates.slid.rate=1', "did you mean 'slide'?"),
         ('maneuver=maneuvers/step_stear.yaml', "did you mean 'maneuvers/step_steer.yaml'?"),
         ('maneuver=maneuvers/step_steer.yaml', "step_steer.yaml:2: maneuver = 'steering': the model has no such input"),
         ('maneuver.signals.moter=1', 'the model has no such input'),
         ('vehicle={}', 'exactly one of the keys'),
-        ('mechanism.bodies.crnk.mass=1', "mechanism.bodies.crnk: the key 'inertia' is missing in what is new there; did you mean 'crank'?"),
+        (
+            'mechanism.bodies.crnk.mass=1',
+            "mechanism.bodies.crnk: the key 'inertia' is missing in what is new there; did you mean 'crank'?",
+        ),
         (
             'maneuver.signals={motor: drive.csv}',
             'motor = drive.csv: must be a number or a mapping; files that can stand for their content end',
@@ -100,7 +114,8 @@ def test_an_override_changes_one_place_and_no_alias_of_it() -> None:
     assert (left.mass, left.com[2], right.mass, right.com[2]) == (5.0, -1.0, 1.0, -2.0)
     hinge = scene.model.joints[1].i
     assert hinge.position == (0.5, 1.0, 0.0)
-    np.testing.assert_allclose(matrix(hinge.orientation)[:, 2], [0.0, 1.0, 0.0], atol=1e-15)  # the axis is the alias of the place
+    # the axis is the alias of the place
+    np.testing.assert_allclose(matrix(hinge.orientation)[:, 2], [0.0, 1.0, 0.0], atol=1e-15)
     assert load_scene_text(scene.resolved) == scene
 
 
@@ -127,7 +142,11 @@ def test_a_scene_that_is_called_like_a_file_loads_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('bodies', 'chassis', 'says'),
     [
-        (('arm', 'base_link'), '', "body = 'base_link': is the frame of the chassis (the first body, unless the model names one) in /tf"),
+        (
+            ('arm', 'base_link'),
+            '',
+            "body = 'base_link': is the frame of the chassis (the first body, unless the model names one) in /tf",
+        ),
         (('base_link', 'arm'), 'arm', "body = 'base_link': is the frame of the chassis"),
         (('arm', 'odom'), '', "body = 'odom': is the frame of the world in /tf and robot_description; rename the body"),
         (('arm', 'imu_link'), 'arm', "body = 'imu_link': is the frame of the IMU"),
@@ -159,7 +178,11 @@ def test_bodies_do_not_take_the_frames_of_others(bodies: tuple[str, ...], chassi
             '  joints: {s: {kind: spherical, i: a, j: b}}\n  contacts: {s: {kind: knife_edge, i: world, j: b}}\n',
             "Joint 's' and Contact 's' have reactions of the same name; rename one of them",
         ),
-        ('  joints: {s: {kind: spherical, i: a, j: b}}\n  spring_dampers: {s: {i: a, j: b, spring: 1, free_length: 1}}\n', ''),
+        (
+            '  joints: {s: {kind: spherical, i: a, j: b}}\n  spring_dampers: {s: {i: a, j: b, spring: 1, free_length: '
+            '1}}\n',
+            '',
+        ),
     ],
 )
 def test_no_two_columns_of_a_recording_have_the_same_name(sections: str, says: str) -> None:
@@ -177,7 +200,9 @@ def test_a_wrong_scene_name_suggests_the_nearest(tmp_path: Path, monkeypatch: py
         load_scene('slidercrank')
     with pytest.raises(SceneError, match=r'allowed: .*pendulum'):
         load_scene('zzz')
-    with pytest.raises(SceneError, match=r"'full_car': is a vehicle; put it into a scene by --set vehicle=vehicles/full_car.yaml"):
+    with pytest.raises(
+        SceneError, match=r"'full_car': is a vehicle; put it into a scene by --set vehicle=vehicles/full_car.yaml"
+    ):
         load_scene('full_car')
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'pendulum.yaml').write_text('')
@@ -191,11 +216,15 @@ def test_a_part_that_is_taken_for_a_whole_is_refused_for_what_it_is(tmp_path: Pa
         load_scene('vehicles/compact_fwd.yaml')
     file.write_text('vehicle: mine.yaml\n')
     (tmp_path / 'mine.yaml').write_text('title: a whole scene\nvehicle: vehicles/compact_fwd.yaml\n')
-    with pytest.raises(SceneError, match=r"'kind' is missing; one of: .*; this is a scene: give what stands under its key vehicle"):
+    with pytest.raises(
+        SceneError, match=r"'kind' is missing; one of: .*; this is a scene: give what stands under its key vehicle"
+    ):
         load_scene(file)
 
 
-def test_scenes_are_found_by_path_by_name_and_in_the_current_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scenes_are_found_by_path_by_name_and_in_the_current_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     by_name = load_scene('pendulum')
     assert load_scene(ROOT / 'config' / 'scenes' / 'pendulum.yaml') == by_name
     (tmp_path / 'scenes').mkdir()
@@ -206,7 +235,9 @@ def test_scenes_are_found_by_path_by_name_and_in_the_current_directory(tmp_path:
     assert load_scene('pendulum') == by_name
 
 
-def test_a_file_that_includes_itself_and_a_missing_one_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_includes_itself_and_a_missing_one_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'loop.yaml').write_text('title: x\nmechanism: loop.yaml\n')
     with pytest.raises(SceneError, match=r'loop.yaml:2: mechanism = loop.yaml: the file includes itself'):
@@ -219,7 +250,9 @@ def test_a_file_that_includes_itself_and_a_missing_one_are_refused(tmp_path: Pat
         load_scene('binary.yaml')
 
 
-def test_an_error_inside_an_included_file_names_that_file_and_the_whole_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_inside_an_included_file_names_that_file_and_the_whole_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'm.yaml').write_text('bodies:\n  a: {mass: -1, inertia: [1, 1, 1]}\n')
     (tmp_path / 's.yaml').write_text('mechanism: m.yaml\n')

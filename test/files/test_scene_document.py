@@ -41,7 +41,8 @@ def test_every_field_that_a_file_may_hold_is_in_the_document() -> None:
     def visit(hint: object) -> None:
         for argument in typing.get_args(hint):
             visit(argument)
-        if not dataclasses.is_dataclass(hint) or hint in seen or hint in (Bound, Law, Marker):  # a text each, or described beside
+        # a text each, or described beside
+        if not dataclasses.is_dataclass(hint) or hint in seen or hint in (Bound, Law, Marker):
             return
         seen.add(typing.cast(type, hint))
         for field in keys_of(hint):

@@ -45,7 +45,11 @@ def test_info_counts_every_promised_mechanism(name, capsys):
 
 def blocks() -> list[str]:
     """The scenes in docs/scene.md."""
-    return [text for text in re.findall(r'```yaml\n(.*?)```', (ROOT / 'docs' / 'scene.md').read_text(), re.DOTALL) if 'mechanism:' in text]
+    return [
+        text
+        for text in re.findall(r'```yaml\n(.*?)```', (ROOT / 'docs' / 'scene.md').read_text(), re.DOTALL)
+        if 'mechanism:' in text
+    ]
 
 
 def test_scenes_in_the_document_run():

@@ -95,7 +95,10 @@ def test_a_value_is_read_by_the_type_of_its_field(text: str, field: str, value: 
         ('vector: [1, 2, 1e999]', 'file.yaml:2: vector[2] = 1e999: must be finite'),
         ('vector: [1, 2]', 'file.yaml:2: vector = [1, 2]: must be a list of 3 values'),
         ("vector: [1, 2, '3']", "file.yaml:2: vector[2] = '3': is quoted text; must be a number"),
-        ('vector: [1, 2, 3 mm]', 'file.yaml:2: vector[2] = 3 mm: must be a number, in decimal digits and without a unit'),
+        (
+            'vector: [1, 2, 3 mm]',
+            'file.yaml:2: vector[2] = 3 mm: must be a number, in decimal digits and without a unit',
+        ),
         ('vector: [1, 2, 0x1F]', 'must be a number'),
         ('vector: [1, 2, 1_000]', 'must be a number'),
         ('vector: [1, 2, 010]', 'must be a number'),
@@ -118,7 +121,10 @@ def test_a_value_is_read_by_the_type_of_its_field(text: str, field: str, value: 
         ('parts:\n  x:', 'file.yaml:3: parts.x = : is empty; a mapping of keys is wanted here'),
         ('parts: {x: {}, x: {}}', 'file.yaml:2: parts.x: the key is given twice'),
         ('values: 3', 'file.yaml:2: values = 3: must be a mapping of keys'),
-        ("values: 'a/b.yaml'", "file.yaml:2: values = 'a/b.yaml': must be a mapping of keys; without quotes it is that of the file"),
+        (
+            "values: 'a/b.yaml'",
+            "file.yaml:2: values = 'a/b.yaml': must be a mapping of keys; without quotes it is that of the file",
+        ),
         ('title: !!python/object:os.system x', 'file.yaml:2: title = x: the tag'),
         ('values: &a {x: *a}', 'contains itself'),
         ('? [1, 2]\n: 3', 'a key must be a word'),

@@ -1,4 +1,5 @@
-"""Every coefficient of a tire has a range: a tire is refused with the name of the coefficient, told of, or does what a tire does."""
+"""Every coefficient of a tire has a range: a tire is refused with the name of the coefficient, told of, or does what a
+tire does."""
 
 from __future__ import annotations
 
@@ -22,13 +23,17 @@ SMALL, LARGE = 0.1, 1.0  # slips where the force of a tire has its sign, whateve
 
 
 def insane(data: TireData) -> str:
-    """What a tire on the road does not do; '' of one that does what tires do. From forces and heights alone, not from coefficients."""
+    """What a tire on the road does not do; '' of one that does what tires do. From forces and heights alone, not from
+    coefficients."""
     c = pack(data.values, data.version)
     R0, F0 = data['UNLOADED_RADIUS'], data['FNOMIN']
     element = tire(data)
     low, high = 0.5, 1.1  # of the radius: the height at which it carries its nominal load is between
     if not load_at(element, low * R0) > F0 > load_at(element, high * R0):
-        return f'it carries {load_at(element, low * R0):.4g} N at half its radius and {load_at(element, high * R0):.4g} N at 1.1 times'
+        return (
+            f'it carries {load_at(element, low * R0):.4g} N at half its radius and '
+            f'{load_at(element, high * R0):.4g} N at 1.1 times'
+        )
     for speed in (0.0, 28.0):
         if not 0.5 * R0 < rolling_radius(c, F0, speed) < 1.4 * R0:
             return f'it rolls on {rolling_radius(c, F0, speed) / R0:.3g} radii'
@@ -58,7 +63,10 @@ def changed(data: TireData) -> Iterator[tuple[str, TireData | SpecError]]:
     for key, value in data.values.items():
         for factor in FACTORS:
             try:
-                yield f'{key} x {factor:g}', TireData(name=data.name, version=data.version, values={**data.values, key: factor * value})
+                yield (
+                    f'{key} x {factor:g}',
+                    TireData(name=data.name, version=data.version, values={**data.values, key: factor * value}),
+                )
             except SpecError as error:
                 yield f'{key} x {factor:g}', error
 
@@ -71,7 +79,9 @@ def silent(data: TireData) -> list[str]:
         if isinstance(other, SpecError):
             if not re.search(rf'\b{key}\b', str(other)):
                 found.append(f'{what}: refused without its name: {other}')
-        elif not any(re.search(rf'\b{key}\b', text) for text in oddities(other) if text not in known) and (wrong := insane(other)):
+        elif not any(re.search(rf'\b{key}\b', text) for text in oddities(other) if text not in known) and (
+            wrong := insane(other)
+        ):
             found.append(f'{what}: {wrong}')
     return found
 
@@ -84,9 +94,19 @@ def test_each_coefficient_changed_alone_is_refused_told_or_sane(name: str) -> No
 
 
 def test_without_the_limits_the_same_changes_are_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The check can fail: with limits that say nothing a good part of the changes of one tire is noticed by what the tire does."""
+    """The check can fail: with limits that say nothing a good part of the changes of one tire is noticed by what the
+    tire does."""
     monkeypatch.setattr('solver.elements.tire_data.check', lambda *_: None)
-    wild = {'Q_RE0': 0.3, 'PKX2': 60.0, 'PKY2': -1.8, 'DREFF': 20.0, 'Q_V1': 1500.0, 'PCY1': 3.0, 'VERTICAL_STIFFNESS': 2e3, 'QSY1': -0.1}
+    wild = {
+        'Q_RE0': 0.3,
+        'PKX2': 60.0,
+        'PKY2': -1.8,
+        'DREFF': 20.0,
+        'Q_V1': 1500.0,
+        'PCY1': 3.0,
+        'VERTICAL_STIFFNESS': 2e3,
+        'QSY1': -0.1,
+    }
     for key, value in wild.items():
         assert insane(TireData(name='wild', version=61, values={**CAR.values, key: value})), key
 

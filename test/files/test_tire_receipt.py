@@ -24,7 +24,9 @@ def entries(path: Path) -> dict[str, Entry]:
     return {e.key: e for e in found}
 
 
-@pytest.mark.parametrize(('fittyp', 'version'), [('5', 52), ('21', 52), ('51', 52), ('52', 52), ('60', 61), ('61.0', 61), ('62', 61)])
+@pytest.mark.parametrize(
+    ('fittyp', 'version'), [('5', 52), ('21', 52), ('51', 52), ('52', 52), ('60', 61), ('61.0', 61), ('62', 61)]
+)
 def test_every_fittyp_of_the_magic_formula_is_read_and_named(tmp_path: Path, fittyp: str, version: int) -> None:
     path = write(tmp_path, MINIMAL.replace('FITTYP = 6', f'FITTYP = {fittyp}'))
     assert read_tir(path).version == version
@@ -79,9 +81,13 @@ def test_an_unknown_side_is_taken_as_left(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('fittyp', ['6', '61'])
 def test_missing_relaxation_lengths_follow_from_slip_and_carcass_stiffness(tmp_path: Path, fittyp: str) -> None:
-    """At nominal load both ways give K / c: 22 * 4000 N over 1.71 * 200 kN/m, and the side stiffness over 0.49 * 200 kN/m."""
+    """At nominal load both ways give K / c: 22 * 4000 N over 1.71 * 200 kN/m, and the side stiffness over 0.49 * 200
+    kN/m."""
     bare = (
-        MINIMAL.replace('PTX1 = 1.5\n', '').replace('PTY1 = 2\n', '').replace('PTY2 = 2\n', '').replace('FITTYP = 6', f'FITTYP = {fittyp}')
+        MINIMAL.replace('PTX1 = 1.5\n', '')
+        .replace('PTY1 = 2\n', '')
+        .replace('PTY2 = 2\n', '')
+        .replace('FITTYP = 6', f'FITTYP = {fittyp}')
     )
     path = write(tmp_path, bare)
     data = read_tir(path)
@@ -121,7 +127,14 @@ def test_stiffness_and_pressure_of_pac2002_act_and_the_rest_is_ignored_with_a_re
     assert data['VERTICAL_STIFFNESS'] == pytest.approx(0.4419 * 2e5, rel=1e-12)
     assert pack(data.values, 52)[I.DPI] == pytest.approx((0.9 * 250e3 - 200e3) / 200e3, rel=1e-12)
     assert data['PPZ1'] == 0.3
-    for key in ('SCALING_COEFFICIENTS/LCZ', 'SCALING_COEFFICIENTS/LIP', 'INFLPRES', 'NOMPRES', 'PPZ1', 'VERTICAL_STIFFNESS'):
+    for key in (
+        'SCALING_COEFFICIENTS/LCZ',
+        'SCALING_COEFFICIENTS/LIP',
+        'INFLPRES',
+        'NOMPRES',
+        'PPZ1',
+        'VERTICAL_STIFFNESS',
+    ):
         assert found[key].fate == 'used'
     assert 'times LCZ = 0.4419' in found['VERTICAL_STIFFNESS'].why
     for key in ('ALIGNING_COEFFICIENTS/QTZ1', 'ALIGNING_COEFFICIENTS/MBELT', 'STRUCTURE/QFCX', 'STRUCTURE/QFCY'):
@@ -147,12 +160,15 @@ def test_curves_of_the_load_become_the_spring(tmp_path: Path, heading: str) -> N
     q1, q2, radius, load = 12.0, 20.0, 0.3, 4000.0
     x = np.linspace(0.0, 0.05, 6)
     rows = ''.join(f'{a:.6f} {load * (q1 * a / radius + q2 * (a / radius) ** 2):.6f}\n' for a in x)
-    text = MINIMAL.replace('VERTICAL_STIFFNESS = 2.0D+5\n', '').replace('UNLOADED_RADIUS = 0.3', 'UNLOADED_RADIUS = 0.3\nRIM_RADIUS = 0.2')
+    text = MINIMAL.replace('VERTICAL_STIFFNESS = 2.0D+5\n', '').replace(
+        'UNLOADED_RADIUS = 0.3', 'UNLOADED_RADIUS = 0.3\nRIM_RADIUS = 0.2'
+    )
     text += f'[DEFLECTION_LOAD_CURVE]\n{heading}{rows}[BOTTOMING_CURVE]\n{heading}0 0\n0.05 0\n0.06 10000\n'
     path = write(tmp_path, text)
     data, found = read_tir(path), entries(path)
     assert (data['Q_FZ1'], data['Q_FZ2']) == (pytest.approx(q1, rel=1e-6), pytest.approx(q2, rel=1e-5))
-    assert data['VERTICAL_STIFFNESS'] == pytest.approx(load / radius * np.sqrt(q1 * q1 + 4.0 * q2), rel=1e-6)  # slope where it carries F0
+    # slope where it carries F0
+    assert data['VERTICAL_STIFFNESS'] == pytest.approx(load / radius * np.sqrt(q1 * q1 + 4.0 * q2), rel=1e-6)
     assert data['BOTTOM_STIFF'] == pytest.approx(1e6, rel=1e-9)
     assert radius - data['RIM_RADIUS'] - data['BOTTOM_OFFST'] == pytest.approx(0.05, abs=1e-12)
     assert found['DEFLECTION_LOAD_CURVE/table'].fate == found['BOTTOMING_CURVE/table'].fate == 'used'
@@ -190,12 +206,17 @@ def test_the_receipt_of_a_scene_is_kept_in_its_resolved_text(tmp_path: Path) -> 
 
 
 def test_what_of_turn_slip_acts_is_said_in_a_word(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Of a tire that says nothing of it: the coefficients of the moment against turning on the spot are read, the others are not."""
+    """Of a tire that says nothing of it: the coefficients of the moment against turning on the spot are read, the
+    others are not."""
     car, old = read_tir(CAR), read_tir(write(tmp_path, MINIMAL))
     read = {mode: {e.key for e in receipt(car, turn_slip=mode) if e.fate != 'ignored'} for mode in (None, True, False)}
     assert read[None] - read[False] == {'LMP', 'PECP1', 'PECP2', 'QCRP1', 'QDRP1', 'QDRP2'}
     assert read[None] < read[True]
-    assert [turn_slip_of(car, mode) for mode in (None, True, False)] == ['against parking alone, below 5 m/s', 'acts', 'off']
+    assert [turn_slip_of(car, mode) for mode in (None, True, False)] == [
+        'against parking alone, below 5 m/s',
+        'acts',
+        'off',
+    ]
     assert turn_slip_of(old, None).startswith('none: ')
     assert '6.1' in turn_slip_of(old, None)
     assert {e.key for e in receipt(old)} == {e.key for e in receipt(old, turn_slip=False)}

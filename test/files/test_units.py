@@ -1,4 +1,5 @@
-"""Units in the hints of specifications: every number has one or is known to have none, and every key may be written in what it allows."""
+"""Units in the hints of specifications: every number has one or is known to have none, and every key may be written in
+what it allows."""
 
 from __future__ import annotations
 
@@ -33,19 +34,74 @@ WITHOUT = {
     # directions, and a rotation as a quaternion
     *('axes', 'axis', 'column_axis', 'normal', 'RigidBodySpec.orientation'),
     # parts of something, factors and ratios
-    *('share', 'shares', 'outputs', 'ratio', 'reverse', 'Power.final', 'speed_ratios', 'torque_ratios', 'crossings', 'pedals'),
+    *(
+        'share',
+        'shares',
+        'outputs',
+        'ratio',
+        'reverse',
+        'Power.final',
+        'speed_ratios',
+        'torque_ratios',
+        'crossings',
+        'pedals',
+    ),
     *('bite', 'slip'),
-    *('RoadSpec.friction', 'StabilityControl.friction', 'factor', 'FrictionMap.scale', 'FrictionMap.offset', 'coherence', 'cycles'),
+    *(
+        'RoadSpec.friction',
+        'StabilityControl.friction',
+        'factor',
+        'FrictionMap.scale',
+        'FrictionMap.offset',
+        'coherence',
+        'cycles',
+    ),
     *('ClutchSpec.ratios', 'Power.ratios', 'real_time_factor', 'real_time_factor_min'),
     # settings of the integrator, all relative
     *('rho_inf', 'tolerance', 'penalty', 'penalty_cap', 'mass_factor', 'residual_max'),
     # several units in one list, or those of the names that its numbers go by
-    *('BushingSpec.stiffness', 'BushingSpec.damping', 'BushingSpec.preload', 'Bushing.stiffness', 'values', 'extra', 'evaluate_with'),
-    *('Table.points', 'Mapped.points', 'GuideSpec.travel', 'GuideSpec.steering', 'shape', 'opposite', 'GuideSpec.stiffness', 'windup'),
+    *(
+        'BushingSpec.stiffness',
+        'BushingSpec.damping',
+        'BushingSpec.preload',
+        'Bushing.stiffness',
+        'values',
+        'extra',
+        'evaluate_with',
+    ),
+    *(
+        'Table.points',
+        'Mapped.points',
+        'GuideSpec.travel',
+        'GuideSpec.steering',
+        'shape',
+        'opposite',
+        'GuideSpec.stiffness',
+        'windup',
+    ),
     *('GuideSpec.coupling', 'jacking', 'GuideSpec.ratios', 'drives'),
     # those of coordinates, inputs, channels, signals or rasters
-    *('terms', 'reference', 'CoordinateForceSpec.preload', 'input_gain', 'top_rate', 'CouplerSpec.offset', 'BrakeSpec.gain'),
-    *('CoordinateStart.rate', 'value', 'slope', 'initial', 'Ramp.final', 'amplitude', 'final_amplitude', 'Sine.offset', 'of', 'signals'),
+    *(
+        'terms',
+        'reference',
+        'CoordinateForceSpec.preload',
+        'input_gain',
+        'top_rate',
+        'CouplerSpec.offset',
+        'BrakeSpec.gain',
+    ),
+    *(
+        'CoordinateStart.rate',
+        'value',
+        'slope',
+        'initial',
+        'Ramp.final',
+        'amplitude',
+        'final_amplitude',
+        'Sine.offset',
+        'of',
+        'signals',
+    ),
     *('Actuator.rate_limit', 'BagChannel.scale', 'BagChannel.offset', 'low', 'resolution'),
     # of a motor on the rack or on the pitman arm
     *('forces', 'ServoSpec.limit', 'PowerSteering.limit'),
@@ -91,7 +147,9 @@ def only_numbers(hint: Any) -> bool:
 def checked(name: str, qualified: str, hint: Any) -> list[str]:
     """The entries of WITHOUT that exempt this field; a field has either a unit or such an entry."""
     exempt = [key for key in (name, qualified) if key in WITHOUT]
-    assert bool(unit_of(hint)) != bool(exempt), f'{qualified}: give its unit in the hint (solver.dimensions), or name it in WITHOUT'
+    assert bool(unit_of(hint)) != bool(exempt), (
+        f'{qualified}: give its unit in the hint (solver.dimensions), or name it in WITHOUT'
+    )
     return exempt
 
 
@@ -103,7 +161,11 @@ def test_the_recipes_give_their_units(module: str) -> None:
     sys.modules[module] = recipe  # dataclasses look their module up
     try:
         spec.loader.exec_module(recipe)
-        own = [c for c in vars(recipe).values() if dataclasses.is_dataclass(c) and isinstance(c, type) and c.__module__ == module]
+        own = [
+            c
+            for c in vars(recipe).values()
+            if dataclasses.is_dataclass(c) and isinstance(c, type) and c.__module__ == module
+        ]
         for cls in own:
             for name, hint in fields(cls).items():
                 if numeric(hint):
@@ -115,9 +177,13 @@ def test_the_recipes_give_their_units(module: str) -> None:
 
 def test_every_angle_has_a_range_in_which_it_means_something() -> None:
     """Degrees would pass for radians otherwise."""
-    angles = [(cls.__name__, name, hint) for cls in printed() for name, hint in fields(cls).items() if unit_of(hint) == 'rad']
+    angles = [
+        (cls.__name__, name, hint) for cls in printed() for name, hint in fields(cls).items() if unit_of(hint) == 'rad'
+    ]
     assert len(angles) > 10
-    assert not [(cls, name) for cls, name, hint in angles if not any(isinstance(part, Within) for part in parts_of(hint))]
+    assert not [
+        (cls, name) for cls, name, hint in angles if not any(isinstance(part, Within) for part in parts_of(hint))
+    ]
 
 
 def test_every_number_has_a_unit_or_is_known_to_have_none() -> None:
@@ -139,7 +205,8 @@ def test_no_key_with_a_suffix_means_two_fields_and_what_is_converted_is_made_of_
         hints = fields(cls)
         for name, hint in hints.items():
             assert name.rpartition('_')[0] not in hints or name.rpartition('_')[2] not in SUFFIXES, f'{cls}: {name}'
-            if unit_of(hint) in CONVERTIBLE and (cls.__name__, name) != ('SpeedControl', 'target'):  # a number, or refused: the test below
+            # a number, or refused: the test below
+            if unit_of(hint) in CONVERTIBLE and (cls.__name__, name) != ('SpeedControl', 'target'):
                 assert only_numbers(hint), f'{cls}: {name}'
 
 
@@ -249,7 +316,9 @@ duration: 1
 
 
 def test_keys_that_are_no_fields_tell_their_units_too() -> None:
-    text = MECHANISM.replace('LENGTH', 'length: 2').replace('position: [2, 0, 0]', 'position: [2, 0, 0], rpy_deg: [90, 0, 0]')
+    text = MECHANISM.replace('LENGTH', 'length: 2').replace(
+        'position: [2, 0, 0]', 'position: [2, 0, 0], rpy_deg: [90, 0, 0]'
+    )
     units = load_scene_and_units(text)[1]
     body = 'mechanism.bodies.b'
     assert (units[f'{body}.inertia'], units[f'{body}.rpy_deg'], units[f'{body}.position']) == ('kg m^2', 'deg', 'm')

@@ -13,7 +13,15 @@ from solver.files.scene import load_scene
 from solver.files.urdf import robot_description
 from solver.simulation import Simulation
 
-SCENES = ['car_swept_steer', 'light_car_step_steer', 'slider_crank', 'four_bar', 'andrews', 'flyball_governor', 'double_pendulum']
+SCENES = [
+    'car_swept_steer',
+    'light_car_step_steer',
+    'slider_crank',
+    'four_bar',
+    'andrews',
+    'flyball_governor',
+    'double_pendulum',
+]
 
 
 def described(simulation: Simulation) -> ElementTree.Element:
@@ -27,7 +35,8 @@ def numbers(element: ElementTree.Element, key: str) -> np.ndarray:
 
 
 def transform(joint: ElementTree.Element, values: dict[str, float]) -> np.ndarray:
-    """(4, 4) placement of the child in the parent, by the definition of URDF: origin, then the motion along or about the axis."""
+    """(4, 4) placement of the child in the parent, by the definition of URDF: origin, then the motion along or about
+    the axis."""
     T, M = np.eye(4), np.eye(4)
     origin = joint.find('origin')
     assert origin is not None
@@ -44,7 +53,9 @@ def transform(joint: ElementTree.Element, values: dict[str, float]) -> np.ndarra
     return T @ M
 
 
-def forward_kinematics(robot: ElementTree.Element, values: dict[str, float], root_pose: np.ndarray) -> dict[str, np.ndarray]:
+def forward_kinematics(
+    robot: ElementTree.Element, values: dict[str, float], root_pose: np.ndarray
+) -> dict[str, np.ndarray]:
     """(4, 4) placement of every link in the world; checks that the joints form a tree with one root."""
     links = [link.attrib['name'] for link in robot.findall('link')]
     assert len(links) == len(set(links))
@@ -102,14 +113,18 @@ def test_links_of_the_tree_stand_where_the_bodies_stand(scene: str) -> None:
 
 @pytest.mark.parametrize('scene', ['double_pendulum', 'flyball_governor', 'slider_crank'])
 def test_tree_of_exact_joints_follows_the_motion(scene: str) -> None:
-    """Written at the start, moved by joint_states: bodies that hang on exact joints are where the simulation has them, to its drift."""
+    """Written at the start, moved by joint_states: bodies that hang on exact joints are where the simulation has them,
+    to its drift."""
     simulation = Simulation(load_scene(scene))
     robot = described(simulation)
     simulation.advance(300)
     poses = body_poses(simulation)
     root = poses['base_link'] if simulation.model.spec.chassis else np.eye(4)
     at = forward_kinematics(robot, values_of(simulation), root)
-    parents = {j.find('child').attrib['link']: (j.find('parent').attrib['link'], j.attrib['type']) for j in robot.findall('joint')}  # type: ignore[union-attr]
+    parents = {
+        j.find('child').attrib['link']: (j.find('parent').attrib['link'], j.attrib['type'])
+        for j in robot.findall('joint')
+    }  # type: ignore[union-attr]
 
     def shown(name: str) -> bool:
         """Whether only exact joints lead to a link (an axis has a fixed body, which is no approximation)."""
@@ -125,7 +140,10 @@ def test_tree_of_exact_joints_follows_the_motion(scene: str) -> None:
 def test_wheels_turn_and_masses_are_those_of_the_model() -> None:
     simulation = Simulation(load_scene('car_swept_steer'))
     robot = described(simulation)
-    masses = {link.attrib['name']: float(link.find('inertial/mass').attrib['value']) for link in robot.findall('link[inertial]')}  # type: ignore[union-attr]
+    masses = {
+        link.attrib['name']: float(link.find('inertial/mass').attrib['value'])
+        for link in robot.findall('link[inertial]')
+    }  # type: ignore[union-attr]
     assert sum(masses.values()) == pytest.approx(sum(b.mass for b in simulation.model.spec.bodies))
     assert len(masses) == 53
     joints = {joint.attrib['name']: joint.attrib['type'] for joint in robot.findall('joint')}

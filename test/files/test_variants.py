@@ -73,12 +73,17 @@ def test_what_no_variant_can_be_made_of_is_refused_in_one_sentence(text: str, se
         variant(text, tmp_path)
 
 
-def test_a_car_that_takes_another_and_a_scene_that_takes_a_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_car_that_takes_another_and_a_scene_that_takes_a_scene(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The same scene as by --set; a key that there is not is refused with the place where it was written."""
     (tmp_path / 'mine.yaml').write_text('<<: vehicles/compact_fwd.yaml\nchassis: {mass: 1010}\n')
     scene = tmp_path / 'scene.yaml'
     scene.write_text('<<: scenes/car_step_steer.yaml\nvehicle: mine.yaml\nduration: 2\n')
-    one, other = load_scene(scene), load_scene('car_step_steer', ['vehicle=vehicles/compact_fwd.yaml', 'vehicle.chassis.mass=1010'])
+    one, other = (
+        load_scene(scene),
+        load_scene('car_step_steer', ['vehicle=vehicles/compact_fwd.yaml', 'vehicle.chassis.mass=1010']),
+    )
     assert one.duration == 2.0
     assert yaml.safe_load(one.resolved)['vehicle'] == yaml.safe_load(other.resolved)['vehicle']
     assert main(['info', str(tmp_path / 'mine.yaml'), '--json']) == 0

@@ -13,7 +13,10 @@ import pytest
 from program_copy import ROOT, changed, copied_program, run_there
 from scipy.sparse.csgraph import connected_components
 
-LINT = 'import sys; from importlinter.cli import lint_imports_command; sys.argv = ["lint-imports", "--no-logo"]; lint_imports_command()'
+LINT = (
+    'import sys; from importlinter.cli import lint_imports_command; sys.argv = ["lint-imports", "--no-logo"]; '
+    'lint_imports_command()'
+)
 
 
 def lint(directory: Path) -> tuple[int, str]:
@@ -62,7 +65,8 @@ def test_a_room_that_no_floor_names_breaks_the_contract(tmp_path):
 def circles(directory: Path) -> list[set[str]]:
     """Groups of files that import each other, by imports of any kind: at the top, within functions, for hints."""
     files = {
-        '.'.join(path.relative_to(directory).with_suffix('').parts).removesuffix('.__init__'): path for path in python_files(directory)
+        '.'.join(path.relative_to(directory).with_suffix('').parts).removesuffix('.__init__'): path
+        for path in python_files(directory)
     }
     names = list(files)
     reach = np.zeros((len(names), len(names)), bool)
@@ -101,11 +105,15 @@ def test_no_file_imports_itself_by_a_way_around(tmp_path):
 
 def test_the_map_shows_the_floors_that_are_checked():
     """docs/README.md: one line per floor, in the order of the contracts, and nothing else in its tables of floors."""
-    contracts = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))['tool']['importlinter']['contracts']
+    contracts = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))['tool']['importlinter'][
+        'contracts'
+    ]
     floors = {contract['containers'][0]: contract['layers'] for contract in contracts if 'containers' in contract}
     page = (ROOT / 'docs' / 'README.md').read_text(encoding='utf-8')
     tables = re.findall(r'\| floor \| what is there \|\n\|---\|---\|\n((?:\|.*\n)+)', page)
-    shown = [[' | '.join(re.findall(r'`(\w+)`', line.split('|')[1])) for line in table.splitlines()] for table in tables]
+    shown = [
+        [' | '.join(re.findall(r'`(\w+)`', line.split('|')[1])) for line in table.splitlines()] for table in tables
+    ]
     assert shown == [floors['mbd_sim_ros'], floors['solver']]
 
 

@@ -12,7 +12,9 @@ import pytest
 from forks import Fork
 from processes import ROOT
 
-SHOWN = "import os, sys; print(sys.argv, __name__, os.getcwd(), os.environ['OWN'], os.getsid(0) == os.getpid(), flush=True)"
+SHOWN = (
+    "import os, sys; print(sys.argv, __name__, os.getcwd(), os.environ['OWN'], os.getsid(0) == os.getpid(), flush=True)"
+)
 
 
 def ended(directory: Path, *words: str, forked: bool) -> tuple[int, str]:
@@ -23,7 +25,9 @@ def ended(directory: Path, *words: str, forked: bool) -> tuple[int, str]:
             code = Fork(words, cwd=directory, env=environment, output=said.fileno()).wait(60.0)
         else:
             command = [sys.executable, *words]
-            done = subprocess.run(command, cwd=directory, env=environment, stdout=said, stderr=said, start_new_session=True, check=False)
+            done = subprocess.run(
+                command, cwd=directory, env=environment, stdout=said, stderr=said, start_new_session=True, check=False
+            )
             code = done.returncode
         said.seek(0)
         return code, said.read()
@@ -36,7 +40,10 @@ def ended(directory: Path, *words: str, forked: bool) -> tuple[int, str]:
         ('-c', 'import sys; sys.exit(3)'),
         ('-c', 'import sys; sys.exit("a sentence")'),
         ('-c', 'import atexit; atexit.register(print, "the end"); print("first")'),
-        ('-c', 'import threading, time; threading.Thread(target=lambda: (time.sleep(0.1), print("waited for"))).start()'),
+        (
+            '-c',
+            'import threading, time; threading.Thread(target=lambda: (time.sleep(0.1), print("waited for"))).start()',
+        ),
         ('-c', 'import os, signal; os.kill(os.getpid(), signal.SIGKILL)'),
         ('-m', 'mbd_sim_ros.commands.main', 'rnu'),
     ],

@@ -14,7 +14,9 @@ VALUES = (9.8, 9.81, 9.807, 9.8066, 9.80665, 9.806)
 
 def written(source: str) -> list[int]:
     """Lines of a program in which a number is a value of gravity."""
-    return [node.lineno for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Constant) and node.value in VALUES]
+    return [
+        node.lineno for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Constant) and node.value in VALUES
+    ]
 
 
 def test_gravity_is_written_in_one_file() -> None:
@@ -28,7 +30,9 @@ def test_gravity_is_written_in_one_file() -> None:
     assert not found, 'take STANDARD_GRAVITY or MODEL_GRAVITY of solver.units'
 
 
-@pytest.mark.parametrize('source', ['G = 9.81', 'def f(x: float = 9.80665) -> None: ...', 'a = (0.0, -9.81)', 'b = 0.3 * 9.81'])
+@pytest.mark.parametrize(
+    'source', ['G = 9.81', 'def f(x: float = 9.80665) -> None: ...', 'a = (0.0, -9.81)', 'b = 0.3 * 9.81']
+)
 def test_a_number_written_elsewhere_is_found(source: str) -> None:
     assert written(source) == [1]
 

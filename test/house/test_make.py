@@ -20,7 +20,9 @@ exec {python} -c 'import sys; sys.version_info = (3, {minor}, 2, "final", 0); ex
 
 def make(*arguments: str) -> subprocess.CompletedProcess[str]:
     environment = {name: value for name, value in os.environ.items() if not name.startswith('MAKE')}
-    return subprocess.run(['make', '-s', *arguments], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=20, check=False)
+    return subprocess.run(
+        ['make', '-s', *arguments], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=20, check=False
+    )
 
 
 @pytest.mark.parametrize('minor', [8, 10])
@@ -35,7 +37,8 @@ def test_a_python_that_is_too_old_ends_make_setup_at_once(minor: int, where: str
         done = make(target, f'PYTHON={named}', f'VENV={tmp_path / "venv"}')
         assert done.returncode == 2
         assert done.stdout == (
-            f'{place} is Python 3.{minor}, and 3.11 or newer is needed: name another one, e.g. make setup PYTHON=python3.11, and remove '
+            f'{place} is Python 3.{minor}, and 3.11 or newer is needed: name another one, e.g. make setup '
+            'PYTHON=python3.11, and remove '
             f'{tmp_path}/venv if it was made with this one\n'
         )
     assert where != 'named' or not (tmp_path / 'venv').exists()
@@ -45,11 +48,15 @@ def test_a_python_that_is_too_old_ends_make_setup_at_once(minor: int, where: str
 def test_a_name_that_is_no_python_ends_make_setup_at_once(name: str, tmp_path: Path) -> None:
     done = make('setup', f'PYTHON={name}', f'VENV={tmp_path / "venv"}')
     assert done.returncode == 2
-    assert done.stdout.startswith(f'{name} is no Python that can be started: name another one') and done.stdout.count('\n') == 1
+    assert (
+        done.stdout.startswith(f'{name} is no Python that can be started: name another one')
+        and done.stdout.count('\n') == 1
+    )
 
 
 def test_each_target_brings_what_it_needs_and_no_more(tmp_path: Path) -> None:
-    """Users have the program and ROS, and are told what to type next; lint and tests bring their own tools before they run."""
+    """Users have the program and ROS, and are told what to type next; lint and tests bring their own tools before they
+    run."""
     venv = f'VENV={tmp_path / "venv"}'
     setup, runtime = make('-n', 'setup', venv).stdout, make('-n', 'runtime', venv).stdout
     assert "-e '.[ros]'" in setup or "-e '.'" in setup
@@ -57,7 +64,11 @@ def test_each_target_brings_what_it_needs_and_no_more(tmp_path: Path) -> None:
     assert setup.rstrip().endswith('echo "$NEXT"') and 'NEXT' not in runtime and "-e '.'" in runtime
     for target in ('tools', 'lint', 'check', 'test', 'wheel'):
         done = make('-n', target, venv).stdout
-        assert 'test,dev]' in done and done.index('test,dev]') < (done + '-m pytest').index('-m pytest') and 'NEXT' not in done, target
+        assert (
+            'test,dev]' in done
+            and done.index('test,dev]') < (done + '-m pytest').index('-m pytest')
+            and 'NEXT' not in done
+        ), target
 
 
 def test_setup_ends_with_commands(tmp_path: Path) -> None:

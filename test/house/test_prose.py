@@ -32,7 +32,13 @@ def test_docstrings_begin_with_their_subject() -> None:
 
 @pytest.mark.parametrize(
     ('docstring', 'found'),
-    [('What a step takes.', 1), ('Where it is.', 1), ('Of a wheel [m].', 1), ('Inputs of a step.', 0), ('Whatever comes is kept.', 0)],
+    [
+        ('What a step takes.', 1),
+        ('Where it is.', 1),
+        ('Of a wheel [m].', 1),
+        ('Inputs of a step.', 0),
+        ('Whatever comes is kept.', 0),
+    ],
 )
 def test_a_beginning_without_a_subject_is_found(docstring: str, found: int) -> None:
     assert len(list(without_subject(f'def f():\n    """{docstring}"""'))) == found

@@ -57,7 +57,11 @@ def members(cls: type) -> Iterator[tuple[str, Any]]:
     for name, member in inspect.getmembers(cls):
         own = next((base for base in cls.__mro__ if name in vars(base)), object)
         ours = own.__module__.startswith(('solver', 'mbd_sim_ros'))
-        if ours and not name.startswith('_') and (callable(member) or isinstance(inspect.getattr_static(cls, name), property)):
+        if (
+            ours
+            and not name.startswith('_')
+            and (callable(member) or isinstance(inspect.getattr_static(cls, name), property))
+        ):
             yield name, inspect.getattr_static(cls, name)
 
 
@@ -71,7 +75,11 @@ def test_everything_public_has_a_docstring(package: Any, name: str) -> None:
     assert len(text_of(thing)) > 20 and not text_of(thing).startswith(f'{name}(')
     if not isinstance(thing, type):
         required = ('name', 'text', 'scene', 'simulation', 'steps', 'n', 'path', 'bag')  # what the first line speaks of
-        missing = [p for p in inspect.signature(thing).parameters if p not in required and not re.search(rf'\b{p}\b', text_of(thing))]
+        missing = [
+            p
+            for p in inspect.signature(thing).parameters
+            if p not in required and not re.search(rf'\b{p}\b', text_of(thing))
+        ]
         assert missing == [], f'{name}: arguments that its docstring does not name'
         assert 'Raises' in text_of(thing)
         return
@@ -88,7 +96,9 @@ def test_arrays_of_a_snapshot_have_shapes_and_units() -> None:
 
 def test_the_page_shows_what_is_listed_and_nothing_else() -> None:
     """docs/api.md, `## What is public`."""
-    section = (ROOT / 'docs' / 'api.md').read_text(encoding='utf-8').partition('## What is public\n')[2].partition('\n## ')[0]
+    section = (
+        (ROOT / 'docs' / 'api.md').read_text(encoding='utf-8').partition('## What is public\n')[2].partition('\n## ')[0]
+    )
     table = section.partition('| of a simulation |')[0]
     shown = {
         name

@@ -46,4 +46,6 @@ def test_the_changelog_descends_and_has_no_list_of_what_is_to_come() -> None:
     assert found == sorted(set(found), reverse=True) and len(found) >= 2
     text = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
     forthcoming = text.partition('Forthcoming\n')[2].partition('\n\n' + releases()[0][0])[0]
-    assert len(forthcoming.splitlines()) < 40, 'give what has come a version: setup.py, package.xml, CITATION.cff, CHANGELOG.rst'
+    assert len(forthcoming.splitlines()) < 40, (
+        'give what has come a version: setup.py, package.xml, CITATION.cff, CHANGELOG.rst'
+    )

@@ -1,4 +1,5 @@
-"""Actuators: dead time, lag and rate limit by their closed forms; motions stay motions; what waits is part of the state."""
+"""Actuators: dead time, lag and rate limit by their closed forms; motions stay motions; what waits is part of the
+state."""
 
 from __future__ import annotations
 
@@ -77,7 +78,10 @@ def test_a_motion_runs_behind_a_ramp_by_its_lag():
 
 def test_the_state_goes_on_with_the_same_bits():
     def new() -> Chain:
-        return chain(steering=Actuator(lag=0.05, dead_time=0.004), brake_torque=Actuator(lag=0.02, dead_time=0.003, rate_limit=1e4))
+        return chain(
+            steering=Actuator(lag=0.05, dead_time=0.004),
+            brake_torque=Actuator(lag=0.02, dead_time=0.003, rate_limit=1e4),
+        )
 
     commands = moved(1e-3, 200)
     commands[:, 3] = 500.0 * np.sign(np.sin(40.0 * commands[:, 0]))
@@ -113,12 +117,18 @@ def test_impossible_actuators_and_maps_are_refused(make, says):
 
 
 def test_a_map_is_the_polynomial_through_its_points_with_its_derivatives():
-    """Through four points of 2 - x + 3 x^3 goes that cubic and no other; rate and acceleration by the chain rule, by hand."""
+    """Through four points of 2 - x + 3 x^3 goes that cubic and no other; rate and acceleration by the chain rule, by
+    hand."""
     x = np.array([-1.0, -0.2, 0.5, 1.5])
-    mapped = Mapped(of=Sine(amplitude=0.7, frequency=1.0), points=tuple(zip(x.tolist(), (2.0 - x + 3.0 * x**3).tolist(), strict=True)))
+    mapped = Mapped(
+        of=Sine(amplitude=0.7, frequency=1.0),
+        points=tuple(zip(x.tolist(), (2.0 - x + 3.0 * x**3).tolist(), strict=True)),
+    )
     t = np.linspace(0.5, 2.0, 40)
     inner, jet = mapped.of.jet(t), mapped.jet(t)
     slope = 9.0 * inner.value**2 - 1.0
     np.testing.assert_allclose(jet.value, 2.0 - inner.value + 3.0 * inner.value**3, rtol=1e-12)
     np.testing.assert_allclose(jet.rate, slope * inner.rate, rtol=1e-11, atol=1e-11)
-    np.testing.assert_allclose(jet.acceleration, slope * inner.acceleration + 18.0 * inner.value * inner.rate**2, rtol=1e-10, atol=1e-9)
+    np.testing.assert_allclose(
+        jet.acceleration, slope * inner.acceleration + 18.0 * inner.value * inner.rate**2, rtol=1e-10, atol=1e-9
+    )

@@ -1,4 +1,5 @@
-"""Anti-lock and stability control: their laws, that they keep what they promise on a car, and that they are recorded and replayed."""
+"""Anti-lock and stability control: their laws, that they keep what they promise on a car, and that they are recorded
+and replayed."""
 
 from __future__ import annotations
 
@@ -16,7 +17,9 @@ from solver.model.frames import matrix
 
 WHEELS = tuple(
     AssistedWheel(f'{axle}_{side}', 0.25, 0.3, y, 1 + k, np.array((0.0, 1.0, 0.0)))
-    for k, (axle, side, y) in enumerate((axle, side, y) for axle in ('front', 'rear') for side, y in (('left', 0.75), ('right', -0.75)))
+    for k, (axle, side, y) in enumerate(
+        (axle, side, y) for axle in ('front', 'rear') for side, y in (('left', 0.75), ('right', -0.75))
+    )
 )
 FNOMIN, PDX1, PDX2 = 4200.0, 1.12, -0.08  # of the light car's tires
 FRICTION = np.array([1.0, 0.3, 1.0, 0.3])  # of the road under them
@@ -28,7 +31,8 @@ def commands(**values: float) -> np.ndarray:
 
 
 def test_a_locked_wheel_is_released_at_the_rate_of_the_law_and_no_other() -> None:
-    """One wheel stands, three roll: its share falls by release h a step, and after 1 / release seconds it has no torque."""
+    """One wheel stands, three roll: its share falls by release h a step, and after 1 / release seconds it has no
+    torque."""
     assistant = Assistant(Assistance(anti_lock=AntiLock(release=20.0)), NAMES, WHEELS, 1e-3)
     feel = Feel(20.0, 0.0, (0.0, 20.0 / 0.3, 20.0 / 0.3, 20.0 / 0.3))
     for k in range(1, 51):
@@ -41,8 +45,9 @@ def test_a_locked_wheel_is_released_at_the_rate_of_the_law_and_no_other() -> Non
 
 
 def test_a_wheel_that_locks_in_reverse_is_released_as_one_that_locks_forward() -> None:
-    """20 m/s backwards, 1 rad/s to the left: the left wheels' places move at -20.75 m/s. One wheel stands and loses release h a step; three
-    roll with -v / R and lose nothing. At -1 m/s, slower than it acts, it gets its torque back with apply h."""
+    """20 m/s backwards, 1 rad/s to the left: the left wheels' places move at -20.75 m/s. One wheel stands and loses
+    release h a step; three roll with -v / R and lose nothing. At -1 m/s, slower than it acts, it gets its torque back
+    with apply h."""
     assistant = Assistant(Assistance(anti_lock=AntiLock(release=20.0)), NAMES, WHEELS, 1e-3)
     feel = Feel(-20.0, 1.0, (0.0, *((-20.0 - wheel.left) / 0.3 for wheel in WHEELS[1:])))
     for k in range(1, 51):
@@ -62,7 +67,8 @@ def test_stability_control_is_off_in_reverse() -> None:
 
 
 def test_wheels_of_a_turning_car_have_speeds_of_their_own() -> None:
-    """20 m/s, 1 rad/s to the left: the left wheels' places move at 19.25 m/s, the right ones' at 20.75; rolling so, none slips."""
+    """20 m/s, 1 rad/s to the left: the left wheels' places move at 19.25 m/s, the right ones' at 20.75; rolling so,
+    none slips."""
     assistant = Assistant(Assistance(anti_lock=AntiLock()), NAMES, WHEELS, 1e-3)
     spins = tuple((20.0 - wheel.left) / 0.3 for wheel in WHEELS)
     for _ in range(100):
@@ -95,7 +101,8 @@ def test_the_wheel_that_turns_the_car_back_is_braked(steering: float, yaw_rate: 
 
 
 def test_stability_control_takes_back_whatever_drives() -> None:
-    """Half of the largest torque is wanted at a wheel: half of what drives is left. What brakes, and the clutch, stay."""
+    """Half of the largest torque is wanted at a wheel: half of what drives is left. What brakes, and the clutch,
+    stay."""
     control = StabilityControl(gain=12500.0, threshold=0.1, torque=2500.0)
     names = (*NAMES, 'accelerator', 'clutch', 'drive_torque_front_left', 'drive_torque_front_right')
     given = np.array([0.0, 500.0, *[0.0] * 5, 0.8, 0.4, 300.0, -100.0])
@@ -123,7 +130,8 @@ def test_rear_wheels_share_the_smaller_torque() -> None:
 
 @pytest.mark.parametrize('speed', [15.0, -15.0])
 def test_the_compact_brakes_on_a_wet_road_without_locking_forward_and_in_reverse(speed: float) -> None:
-    """12 kN m where 2 kN m lock all wheels: half a second after the pedal they turn, with a slip about the 0.1 that is kept."""
+    """12 kN m where 2 kN m lock all wheels: half a second after the pedal they turn, with a slip about the 0.1 that is
+    kept."""
     scene = load_scene(
         'car_step_steer',
         [
@@ -145,9 +153,9 @@ def test_the_compact_brakes_on_a_wet_road_without_locking_forward_and_in_reverse
 
 
 class _Stop(NamedTuple):
-    """A stop: way [m], largest departure of the heading [rad], share of the time that wheels stand, and means over the time that the
-    control is at work: braking force, load of all wheels, and the braking force that there is, at the rear axle of both wheels that of
-    the lower side, as they are held together [N]."""
+    """A stop: way [m], largest departure of the heading [rad], share of the time that wheels stand, and means over the
+    time that the control is at work: braking force, load of all wheels, and the braking force that there is, at the
+    rear axle of both wheels that of the lower side, as they are held together [N]."""
 
     way: float
     heading: float
@@ -158,7 +166,8 @@ class _Stop(NamedTuple):
 
 
 def _stop(changes: list[str]) -> _Stop:
-    """Full braking of the light car from 80 km/h, where the right wheels have 0.3 of the friction, with a driver who keeps the lane."""
+    """Full braking of the light car from 80 km/h, where the right wheels have 0.3 of the friction, with a driver who
+    keeps the lane."""
     brake = '{kind: step, value: 7000, start: 1.6, rise: 0.1}'
     driver = '{path: {kind: waypoints, points: [[0, 0], [500, 0]]}, wheelbase: 2.65, ratio: 17.9, preview: 0.3}'
     common = ['road=roads/mu_split.yaml', 'start.speed_kmh=80', f'maneuver={{brake_torque: {brake}, driver: {driver}}}']
@@ -187,9 +196,9 @@ def _stop(changes: list[str]) -> _Stop:
 
 @pytest.mark.slow
 def test_the_light_car_stops_earlier_and_straight_on_split_friction() -> None:
-    """Without anti-lock control every wheel stands and the car spins; with it wheels turn, the heading stays within 10 deg, the car stops
-    earlier, and as UN Regulation No. 13-H, annex 6, wants it: on split friction the rate of braking is at least 0.75 (4 kL + kH) / 5, and
-    kL, and of the adhesion that there is at least 0.75 is used."""
+    """Without anti-lock control every wheel stands and the car spins; with it wheels turn, the heading stays within 10
+    deg, the car stops earlier, and as UN Regulation No. 13-H, annex 6, wants it: on split friction the rate of braking
+    is at least 0.75 (4 kL + kH) / 5, and kL, and of the adhesion that there is at least 0.75 is used."""
     without, held = _stop([]), _stop(['assistance={anti_lock: {}}'])
     assert without.standing > 0.8
     assert held.standing < 0.1
@@ -224,9 +233,14 @@ def test_runs_with_assistance_go_on_from_a_saved_state_bit_for_bit() -> None:
 
 @pytest.mark.slow
 def test_a_turning_car_feels_how_fast_each_wheel_goes() -> None:
-    """Speed less yaw rate times the distance to the left is the forward speed of each wheel's own body, within the motion of its
-    suspension; freely rolling wheels spin with it over their radius, within the slip of a tire."""
-    changes = ['actuation={wheels: true}', 'assistance={anti_lock: {}}', 'start.speed_kmh=40', 'maneuver={steering: 1.5}']
+    """Speed less yaw rate times the distance to the left is the forward speed of each wheel's own body, within the
+    motion of its suspension; freely rolling wheels spin with it over their radius, within the slip of a tire."""
+    changes = [
+        'actuation={wheels: true}',
+        'assistance={anti_lock: {}}',
+        'start.speed_kmh=40',
+        'maneuver={steering: 1.5}',
+    ]
     simulation = simulation_of(load_scene('light_car_step_steer', changes))
     shot = simulation.advance(1500)
     feel, channels = simulation.feel(), simulation.channels

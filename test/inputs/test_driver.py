@@ -1,4 +1,5 @@
-"""The preview driver: geometry of the track, the law, lane changes inside the cones, exact replay and exact checkpoints."""
+"""The preview driver: geometry of the track, the law, lane changes inside the cones, exact replay and exact
+checkpoints."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ LENGTH = 4.6  # of the body of a mid-size car [m]
 
 
 def test_track_of_iso_3888() -> None:
-    """Part 1: 125 m with lanes 1.1 w + 0.25, 1.2 w + 0.25, 1.3 w + 0.25; part 2: 61 m, w + 1 in the middle, 3 m or more at the end."""
+    """Part 1: 125 m with lanes 1.1 w + 0.25, 1.2 w + 0.25, 1.3 w + 0.25; part 2: 61 m, w + 1 in the middle, 3 m or more
+    at the end."""
     first, second, third = DoubleLaneChange(width=1.8, start=10.0).gates
     assert np.diff([*first[:2], *second[:2], *third[:2]]) == pytest.approx([15, 30, 25, 25, 30])
     assert [g.left - g.right for g in (first, second, third)] == pytest.approx([2.23, 2.41, 2.59])
@@ -55,14 +57,22 @@ def test_law_is_the_steady_state_on_the_arc_through_the_preview_point() -> None:
 
 
 def margins(scene: str) -> tuple[Simulation, list[float], np.ndarray]:
-    """The run of a scene, distance [m] of the body's corners to the cones of each lane, and lateral acceleration [m/s^2]."""
+    """The run of a scene, distance [m] of the body's corners to the cones of each lane, and lateral acceleration
+    [m/s^2]."""
     loaded = load_scene(scene)
     simulation, path = Simulation(loaded), loaded.maneuver.driver.path  # type: ignore[union-attr]
     track = []
     while simulation.k < loaded.steps:
         s = simulation.advance(10)
         x, y, _, qx, qy, qz, qw = s.pose[0]
-        track.append([x, y, np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz)), s.twist[0, 0] * s.twist[0, 5]])
+        track.append(
+            [
+                x,
+                y,
+                np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz)),
+                s.twist[0, 0] * s.twist[0, 5],
+            ]
+        )
     x, y, heading, acceleration = np.array(track).T
     found = []
     for gate in path.gates:
@@ -79,9 +89,12 @@ def margins(scene: str) -> tuple[Simulation, list[float], np.ndarray]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('scene', 'least'), [('car_lane_change', 6.0), ('car_obstacle_avoidance', 6.0), ('light_car_lane_change', 5.0)])
+@pytest.mark.parametrize(
+    ('scene', 'least'), [('car_lane_change', 6.0), ('car_obstacle_avoidance', 6.0), ('light_car_lane_change', 5.0)]
+)
 def test_lane_change_stays_between_the_cones(scene: str, least: float) -> None:
-    """No corner of the body touches a cone, at lateral accelerations beyond the linear range, and the car runs straight afterwards."""
+    """No corner of the body touches a cone, at lateral accelerations beyond the linear range, and the car runs straight
+    afterwards."""
     simulation, margin, acceleration = margins(scene)
     assert min(margin) > 0.0
     assert np.abs(acceleration).max() > least
@@ -90,7 +103,8 @@ def test_lane_change_stays_between_the_cones(scene: str, least: float) -> None:
 
 @pytest.mark.slow
 def test_replay_of_what_was_applied_is_exact() -> None:
-    """One step at a time, many at once, the recorded inputs played back, and a run continued from a saved state give the same bits."""
+    """One step at a time, many at once, the recorded inputs played back, and a run continued from a saved state give
+    the same bits."""
     scene = load_scene('light_car_lane_change', ['maneuver.driver.path.start=5'])
     single, chunked, replayed, continued = (Simulation(scene) for _ in range(4))
     inputs, saved = [], b''
@@ -162,7 +176,8 @@ def test_lanes_and_circles_are_those_of_a_car_of_any_size(scale: float) -> None:
 
 
 def test_circle_is_left_of_who_runs_inside_to_the_right() -> None:
-    """On the circle nothing to correct, wherever; 1 m outside a left-hand circle it lies 1 m to the left, inside 1 m to the right."""
+    """On the circle nothing to correct, wherever; 1 m outside a left-hand circle it lies 1 m to the left, inside 1 m to
+    the right."""
     for radius in (100.0, -100.0):
         path = Circle(radius=radius, start=10.0)
         for angle in np.linspace(0.0, 2.0 * np.pi, 9):
@@ -172,9 +187,11 @@ def test_circle_is_left_of_who_runs_inside_to_the_right() -> None:
                 assert path.left_of(x, y, np.sign(radius) * angle) == pytest.approx(np.sign(radius) * out, abs=1e-9)
 
 
-def point_mass(control: SpeedControl, *, mass: float, resistance: float, speed: float, seconds: float, h: float = 1e-3) -> np.ndarray:
-    """(n, 4) time, speed, drive and brake torque of mass * dv/dt = T - resistance under the control, as DriverSource calls it; brakes
-    and resistance act against the speed that it begins with."""
+def point_mass(
+    control: SpeedControl, *, mass: float, resistance: float, speed: float, seconds: float, h: float = 1e-3
+) -> np.ndarray:
+    """(n, 4) time, speed, drive and brake torque of mass * dv/dt = T - resistance under the control, as DriverSource
+    calls it; brakes and resistance act against the speed that it begins with."""
     ahead = np.sign(speed)
     names = ('drive_torque', 'brake_torque')
     source = DriverSource(Maneuver(speed=control), names, round(h * 1e9), start=speed)
@@ -187,7 +204,8 @@ def point_mass(control: SpeedControl, *, mass: float, resistance: float, speed: 
 
 
 def test_speed_returns_as_a_critically_damped_loop_does() -> None:
-    """A resistance R that begins at once: e'' + 2 w e' + w^2 e = 0 with e'(0) = R/m, so e = R/m t exp(-w t); the step is 1 ms of 530 ms."""
+    """A resistance R that begins at once: e'' + 2 w e' + w^2 e = 0 with e'(0) = R/m, so e = R/m t exp(-w t); the step
+    is 1 ms of 530 ms."""
     mass, resistance, bandwidth = 450.0, 150.0, 0.3
     t, v, drive, brake = point_mass(
         SpeedControl(inertia=mass, bandwidth=bandwidth), mass=mass, resistance=resistance, speed=20.0, seconds=8.0
@@ -205,16 +223,20 @@ def test_a_ramp_of_speed_is_followed_without_lag() -> None:
     t, v, *_ = point_mass(control, mass=450.0, resistance=100.0, speed=10.0, seconds=14.0).T
     assert np.abs(v - target.jet(t).value).max() < 1e-3  # half a step of the ramp is 0.25 mm/s
     heavier = point_mass(control, mass=500.0, resistance=100.0, speed=10.0, seconds=14.0)
-    assert abs(heavier[10000, 1] - target.jet(np.array([10.0])).value[0]) < 0.01  # the integral finds what the inertia lacks
+    # the integral finds what the inertia lacks
+    assert abs(heavier[10000, 1] - target.jet(np.array([10.0])).value[0]) < 0.01
 
 
 def test_engine_and_brakes_have_their_limits_and_the_integral_does_not_run_away() -> None:
-    """From 20 to 10 m/s: the engine drags with 300 N m, the brakes add what they may, and 10 m/s is not undershot by more than 2 %."""
+    """From 20 to 10 m/s: the engine drags with 300 N m, the brakes add what they may, and 10 m/s is not undershot by
+    more than 2 %."""
     slower = Ramp(initial=20.0, slope=-10.0, start=0.5, final=10.0)
     coasting = point_mass(SpeedControl(target=slower), mass=450.0, resistance=0.0, speed=20.0, seconds=20.0)
     assert coasting[:, 2].min() == -300.0
     assert not coasting[:, 3].any()
-    braking = point_mass(SpeedControl(target=slower, brakes=2000.0), mass=450.0, resistance=0.0, speed=20.0, seconds=20.0)
+    braking = point_mass(
+        SpeedControl(target=slower, brakes=2000.0), mass=450.0, resistance=0.0, speed=20.0, seconds=20.0
+    )
     assert braking[:, 3].max() == 2000.0
     for found in (coasting, braking):
         assert found[-1, 1] == pytest.approx(10.0, abs=0.02)
@@ -230,7 +252,8 @@ def test_a_car_in_reverse_is_kept_as_the_mirror_image_of_one_that_drives_forward
     slope = np.copysign(1.0, end - begin)
     there, back = (
         point_mass(
-            SpeedControl(target=Ramp(initial=s * begin, slope=s * slope, start=0.2, final=s * end), first=s * 50.0, brakes=3000.0),
+            SpeedControl(target=Ramp(initial=s * begin, slope=s * slope, start=0.2, final=s * end), first=s * 50.0,
+            brakes=3000.0),
             mass=450.0, resistance=100.0, speed=s * begin, seconds=15.0,
         )
         for s in (1.0, -1.0)
@@ -249,7 +272,8 @@ def test_a_car_that_rolls_backwards_and_shall_stand_is_braked_as_one_that_rolls_
 
 def test_released_throttle_gives_no_torque() -> None:
     control = SpeedControl(until=1.0, release=0.2, first=100.0)
-    rows = point_mass(control, mass=1e9, resistance=0.0, speed=10.0, seconds=2.0)  # so heavy that its speed does not change
+    # so heavy that its speed does not change
+    rows = point_mass(control, mass=1e9, resistance=0.0, speed=10.0, seconds=2.0)
     t, drive = rows[:, 0], rows[:, 2]
     assert drive[t <= 1.0] == pytest.approx(100.0, rel=1e-5)
     assert drive[np.argmin(np.abs(t - 1.1))] == pytest.approx(50.0, abs=0.6)
@@ -313,7 +337,8 @@ def test_refusals_of_who_keeps_a_speed() -> None:
 
 
 def test_a_course_of_points_on_a_circle_is_that_circle() -> None:
-    """32 points on a radius of 40 m: between them the cubic departs by less than the fourth order of their distance allows (2 mm)."""
+    """32 points on a radius of 40 m: between them the cubic departs by less than the fourth order of their distance
+    allows (2 mm)."""
     radius, n = 40.0, 32
     angles = 2.0 * np.pi * np.arange(n) / n
     points = tuple((radius * np.sin(a), radius * (1.0 - np.cos(a))) for a in angles.tolist())
@@ -336,7 +361,8 @@ def test_an_open_course_goes_straight_on_and_its_own_crossings_are_told_apart() 
 
 @pytest.mark.parametrize('closed', [False, True])
 def test_a_long_course_is_looked_at_in_pieces_and_the_same_is_found(rng, closed: bool) -> None:
-    """Beside a look at every piece of a random way that crosses itself: 40 points 10 m apart, seen from on it, beside it and far away."""
+    """Beside a look at every piece of a random way that crosses itself: 40 points 10 m apart, seen from on it, beside
+    it and far away."""
     points = tuple((float(x), float(y)) for x, y in np.cumsum(10.0 * rng.normal(size=(40, 2)), axis=0))
     course = Course(points=points, closed=closed)
     (ax, ay), (bx, by) = course.line[:-1].T, course.line[1:].T

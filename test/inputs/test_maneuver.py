@@ -27,11 +27,14 @@ IDS = [f'{type(s).__name__}{k}' for k, s in enumerate(SMOOTH)]
 MOTION = ('steering', 'steering_rate', 'steering_acceleration', 'drive_torque', 'brake_torque')
 
 
-@pytest.mark.parametrize('signal', [*SMOOTH, Table(points=((0.5, 0.0), (1.5, 2.0), (2.2, -1.0), (4.0, 0.5)))], ids=[*IDS, 'Table'])
+@pytest.mark.parametrize(
+    'signal', [*SMOOTH, Table(points=((0.5, 0.0), (1.5, 2.0), (2.2, -1.0), (4.0, 0.5)))], ids=[*IDS, 'Table']
+)
 def test_rate_and_acceleration_are_derivatives_of_the_value(signal: Signal, rng: np.random.Generator) -> None:
     t, h = rng.uniform(0.01, 6.0, 200), 1e-4
     jet, ahead, behind = signal.jet(t), signal.jet(t + h), signal.jet(t - h)
-    # central differences: h^2/6 times the third derivative, which is below 1e4 here, or a jump of the third derivative times h
+    # central differences: h^2/6 times the third derivative, which is below 1e4 here, or a jump of the third derivative
+    # times h
     np.testing.assert_allclose((ahead.value - behind.value) / (2 * h), jet.rate, atol=1e-4)
     np.testing.assert_allclose((ahead.rate - behind.rate) / (2 * h), jet.acceleration, atol=5e-2)
 
@@ -39,7 +42,9 @@ def test_rate_and_acceleration_are_derivatives_of_the_value(signal: Signal, rng:
 @pytest.mark.parametrize('signal', SMOOTH, ids=IDS)
 def test_signals_are_twice_continuously_differentiable(signal: Signal) -> None:
     """A jump does not shrink with the sampling interval, a continuous function's increment does."""
-    coarse, fine = (max(np.max(np.abs(np.diff(part))) for part in signal.jet(np.linspace(0.0, 6.0, n))) for n in (6001, 60001))
+    coarse, fine = (
+        max(np.max(np.abs(np.diff(part))) for part in signal.jet(np.linspace(0.0, 6.0, n))) for n in (6001, 60001)
+    )
     assert fine <= 0.15 * coarse + 1e-12
 
 
@@ -71,7 +76,9 @@ def test_sine_with_dwell_stands_still_at_its_second_peak() -> None:
 
 
 def test_sweep_repeats_and_grows() -> None:
-    s = Sweep(amplitude=1.0, final_amplitude=3.0, frequency=0.5, final_frequency=2.0, duration=4.0, repeats=2, start=1.0)
+    s = Sweep(
+        amplitude=1.0, final_amplitude=3.0, frequency=0.5, final_frequency=2.0, duration=4.0, repeats=2, start=1.0
+    )
     t = np.linspace(1.0 + 1.0, 1.0 + 3.0, 400)  # inside the fades of the first sweep
     phase = 2.0 * np.pi * (0.5 * (t - 1.0) + 1.5 / 8.0 * (t - 1.0) ** 2)
     np.testing.assert_allclose(s.jet(t).value, (1.0 + 0.25 * (t - 1.0)) * np.sin(phase), atol=1e-12)
@@ -120,7 +127,10 @@ def test_forces_are_sampled_at_the_stage_and_motions_at_the_end_of_the_step() ->
     source = ManeuverSource(maneuver(), MOTION, 2_000_000, 0.6)
     k = 61
     stage, end = np.array([(k + 0.6) * 2e-3]), np.array([(k + 1) * 2e-3])
-    steering, drive = Sine(amplitude=0.5, frequency=0.8, start=0.1).jet(end), Step(value=300.0, start=0.05, rise=0.1).jet(stage)
+    steering, drive = (
+        Sine(amplitude=0.5, frequency=0.8, start=0.1).jet(end),
+        Step(value=300.0, start=0.05, rise=0.1).jet(stage),
+    )
     expected = [steering.value[0], steering.rate[0], steering.acceleration[0], drive.value[0], 0.0]
     np.testing.assert_allclose(source.sample(k), expected, rtol=1e-12, atol=1e-12)
 
@@ -163,7 +173,8 @@ def test_steering_filter_is_the_critically_damped_step_response() -> None:
     source = CommandSource(MOTION, 1_000_000, bandwidth=5.0, rate_limit=1e9)
     u = advance(source, 1.0, 400)
     t, w = np.arange(1, 401) * 1e-3, 10.0 * np.pi
-    np.testing.assert_allclose(u[:, 0], 1.0 - (1.0 + w * t) * np.exp(-w * t), atol=2e-7)  # 1e-9 s of rate limit at 1 rad
+    # 1e-9 s of rate limit at 1 rad
+    np.testing.assert_allclose(u[:, 0], 1.0 - (1.0 + w * t) * np.exp(-w * t), atol=2e-7)
     np.testing.assert_allclose(u[:, 1], w * w * t * np.exp(-w * t), atol=2e-6)
     np.testing.assert_allclose(u[:, 3], 10.0)
 
@@ -236,7 +247,9 @@ def recorded(h_ns: int = 2_000_000, steps: int = 50) -> Recorded:
         'x_acceleration': 2.0 + 20.0 * t**3,
         'force': np.arange(steps, dtype=float),
     }
-    return Recorded('bag b', h_ns, 7, rows, {'x': 1.0, 'x_rate': 0.0, 'x_acceleration': 2.0, 'force': 0.0}, {}, len(rows['x']))
+    return Recorded(
+        'bag b', h_ns, 7, rows, {'x': 1.0, 'x_rate': 0.0, 'x_acceleration': 2.0, 'force': 0.0}, {}, len(rows['x'])
+    )
 
 
 NAMES = ('force', 'x', 'x_rate', 'x_acceleration')
@@ -254,7 +267,8 @@ def test_recorded_inputs_with_the_same_step_are_the_same_bits():
 
 @pytest.mark.parametrize('h_ns', [500_000, 3_000_000, 7_000_000])
 def test_recorded_motions_pass_through_quintics_and_forces_keep_their_impulse(h_ns):
-    """A polynomial of degree five is its own quintic; the sum of force times step is that of the recorded one up to any common instant."""
+    """A polynomial of degree five is its own quintic; the sum of force times step is that of the recorded one up to any
+    common instant."""
     given = recorded()
     source = RecordedSource(given, NAMES, h_ns)
     n = source.steps
@@ -293,16 +307,22 @@ def test_samples_of_others_become_motions_and_forces():
     np.testing.assert_allclose(table[9::10, 1], np.linspace(0.2, 2.0, 10), rtol=1e-12)
     x, v, a = table[:-1, 1:].T  # at the end it is held, without acceleration
     h = 1e-3  # the rule below is exact for the cubic between two samples: rates and accelerations belong to the values
-    np.testing.assert_allclose(np.diff(x), h / 2.0 * (v[1:] + v[:-1]) - h * h / 12.0 * (a[1:] - a[:-1]), rtol=0.0, atol=1e-14)
+    np.testing.assert_allclose(
+        np.diff(x), h / 2.0 * (v[1:] + v[:-1]) - h * h / 12.0 * (a[1:] - a[:-1]), rtol=0.0, atol=1e-14
+    )
 
 
 def test_samples_of_others_that_would_be_misread_are_refused():
     seconds = 1_000_000_000 * np.arange(4)
     track, late = Track(seconds, np.arange(4.0)), Track(1_700_000_000_000_000_000 + seconds, np.arange(4.0))
-    with pytest.raises(SpecError, match=r'map: force begins at 1\.7e\+09 s, behind the end of x at 3 s: .* different clocks'):
+    with pytest.raises(
+        SpecError, match=r'map: force begins at 1\.7e\+09 s, behind the end of x at 3 s: .* different clocks'
+    ):
         RecordedSource(Recorded('bag b', 0, 0, {}, {}, {'x': track, 'force': late}), NAMES, 1_000_000)
     for name in ('x_rate', 'x_acceleration'):
-        with pytest.raises(SpecError, match=f"bag b: map: {name}: follows from the motion 'x', which can be mapped; remove this one"):
+        with pytest.raises(
+            SpecError, match=f"bag b: map: {name}: follows from the motion 'x', which can be mapped; remove this one"
+        ):
             RecordedSource(Recorded('bag b', 0, 0, {}, {}, {'x': track, name: track}), NAMES, 1_000_000)
 
 
@@ -310,9 +330,13 @@ def test_a_recorded_pedal_in_per_cent_is_refused_and_one_that_was_applied_is_not
     reaches = {'force': Reach(-0.1, 1.1, 'must be a position of the pedal, 0 to 1, not per cent')}
     t_ns, values = 1_000_000_000 * np.arange(3), np.array([0.0, 35.0, 20.0])
     theirs = RecordedSource(Recorded('bag b', 0, 0, {}, {}, {'force': Track(t_ns, values)}), NAMES, 1_000_000)
-    with pytest.raises(SpecError, match=r'bag b: map: force = 35: must be a position of the pedal, .* give it another scale'):
+    with pytest.raises(
+        SpecError, match=r'bag b: map: force = 35: must be a position of the pedal, .* give it another scale'
+    ):
         theirs.require_within(reaches)
-    RecordedSource(Recorded('bag b', 0, 0, {}, {}, {'force': Track(t_ns, values / 100.0)}), NAMES, 1_000_000).require_within(reaches)
+    RecordedSource(
+        Recorded('bag b', 0, 0, {}, {}, {'force': Track(t_ns, values / 100.0)}), NAMES, 1_000_000
+    ).require_within(reaches)
     ours = Recorded('bag b', 1_000_000, 0, {'force': values}, {}, {}, steps=3)
     RecordedSource(ours, NAMES, 1_000_000).require_within(reaches)
 
@@ -329,9 +353,12 @@ def test_brakes_with_the_wrong_sign_are_refused_and_those_that_release_are_not()
             continue
         with pytest.raises(SpecError, match=r'bag b: map: brake_torque: nothing is braked, .* give it a scale below 0'):
             RecordedSource(given, MOTION, 1_000_000)
-        with pytest.raises(SceneError, match=r'maneuver.brake_torque = -5\.0: nothing is braked, for it is nowhere above 0'):
+        with pytest.raises(
+            SceneError, match=r'maneuver.brake_torque = -5\.0: nothing is braked, for it is nowhere above 0'
+        ):
             load_scene('light_car_straight', scene)
-        load_scene('light_car_straight', [*scene, 'actuation={wheels: true}'])  # it may take from the torques of single wheels
+        # it may take from the torques of single wheels
+        load_scene('light_car_straight', [*scene, 'actuation={wheels: true}'])
 
 
 @pytest.mark.parametrize(('largest', 'good'), [(1.0, True), (1.09, True), (1.2, False)])
@@ -339,12 +366,17 @@ def test_a_map_is_not_followed_far_beyond_its_points(largest, good):
     """From -1 to 1, which is 2 wide: 0.1 beyond is as far as it may be followed."""
     step = f'{{kind: step, value: {largest}, start: 0.1}}'
     mapped = f'{{kind: mapped, of: {step}, points: [[-1, 2], [0, 0], [1, -2]]}}'
-    for one in (mapped, f'{{kind: sum, terms: [0.1, {mapped}]}}', f'{{kind: mapped, of: {mapped}, points: [[-3, 0], [3, 1]]}}'):
+    for one in (
+        mapped,
+        f'{{kind: sum, terms: [0.1, {mapped}]}}',
+        f'{{kind: mapped, of: {mapped}, points: [[-3, 0], [3, 1]]}}',
+    ):
         if good:
             load_scene('light_car_straight', [f'maneuver={{steering: {one}}}'])
             continue
         with pytest.raises(
-            SceneError, match=r"'steering': a map is asked 0\.2 beyond its points, -1 to 1, where the polynomial means nothing"
+            SceneError,
+            match=r"'steering': a map is asked 0\.2 beyond its points, -1 to 1, where the polynomial means nothing",
         ):
             load_scene('light_car_straight', [f'maneuver={{steering: {one}}}'])
 
@@ -352,7 +384,10 @@ def test_a_map_is_not_followed_far_beyond_its_points(largest, good):
 @pytest.mark.parametrize('at', [-10, 1, 100])
 def test_a_single_sample_holds_all_the_time_and_its_instant_counts_for_nothing(at):
     seconds = 5_000_000_000 + 1_000_000_000 * np.arange(3)
-    tracks = {'x': Track(seconds, np.array([0.0, 1.0, 2.0])), 'force': Track(seconds[:1] + at * 1_000_000_000, np.array([7.0]))}
+    tracks = {
+        'x': Track(seconds, np.array([0.0, 1.0, 2.0])),
+        'force': Track(seconds[:1] + at * 1_000_000_000, np.array([7.0])),
+    }
     source = RecordedSource(Recorded('bag b', 0, 0, {}, {}, tracks), NAMES, 500_000_000)
     assert source.steps == 4
     np.testing.assert_array_equal(source.table(0, 4)[:, 0], 7.0)

@@ -1,4 +1,5 @@
-"""The automatic gearbox: shifts over speed and pedal with hysteresis, the clutch during a shift and at launch, restoring, refusals."""
+"""The automatic gearbox: shifts over speed and pedal with hysteresis, the clutch during a shift and at launch,
+restoring, refusals."""
 
 from __future__ import annotations
 
@@ -31,7 +32,8 @@ def drive(box: Assistant, speeds, pedal: float = 0.5, lever: float = 1.0) -> np.
 
 
 def test_it_shifts_at_the_speeds_of_its_map_and_back_below() -> None:
-    """At half pedal up at 10 and 20 m/s, down at 13.5 and 6: to and fro in steps so small that the threshold is met to 10 mm/s."""
+    """At half pedal up at 10 and 20 m/s, down at 13.5 and 6: to and fro in steps so small that the threshold is met to
+    10 mm/s."""
     box, there = assistant(), np.arange(4.0, 25.0, 0.01)
     gears = drive(box, there)[:, 2]
     back = drive(box, there[::-1])[:, 2]
@@ -80,8 +82,8 @@ def test_it_begins_in_the_gear_of_its_speed_and_does_not_shift_there(speed: floa
 
 @pytest.mark.parametrize(('speed', 'gear'), [(5.0, 1.0), (12.0, 2.0), (25.0, 3.0)])
 def test_out_of_neutral_it_goes_into_the_gear_of_its_speed(speed: float, gear: float) -> None:
-    """At half pedal, where it shifts up at 10 and 20 m/s: through the lower gears its clutch would turn the engine far too fast. Out of
-    reverse it is in the first one."""
+    """At half pedal, where it shifts up at 10 and 20 m/s: through the lower gears its clutch would turn the engine far
+    too fast. Out of reverse it is in the first one."""
     box = assistant()
     drive(box, [speed] * 5, pedal=0.5, lever=0.0)
     assert drive(box, [speed] * 3, pedal=0.5)[:, 1:] == pytest.approx(np.array([[0.0, gear]] * 3))
@@ -110,7 +112,10 @@ def test_it_goes_on_from_where_it_was() -> None:
         ({'up': ((5.0,), (10.0, 30.0))}, r'shift: up\[0\] = 1: must have 2 speeds, one for each of `pedals`'),
         ({'down': ((3.0, 16.0), (7.0, 20.0))}, r'shift: down\[0\]\[1\] = 16.0: must be at least 0 and below up.*15'),
         ({'pedals': (1.0, 0.0)}, r'shift: pedals\[1\] = 0.0: must be greater'),
-        ({'pedals': (0.0, 100.0)}, r'shift: pedals\[1\] = 100.0: must be in \[0, 1\]: a position of the pedal, not per cent'),
+        (
+            {'pedals': (0.0, 100.0)},
+            r'shift: pedals\[1\] = 100.0: must be in \[0, 1\]: a position of the pedal, not per cent',
+        ),
         ({'duration': 0.0}, 'shift: duration = 0.0'),
         ({'bite': 1.5}, 'shift: bite = 1.5'),
     ],
@@ -121,12 +126,16 @@ def test_refusals(changed, sentence) -> None:
 
 
 def test_a_car_without_an_engine_is_refused() -> None:
-    with pytest.raises(SpecError, match='assistance: shift: the model has no input accelerator: give the engine of the vehicle a `power`'):
+    with pytest.raises(
+        SpecError,
+        match='assistance: shift: the model has no input accelerator: give the engine of the vehicle a `power`',
+    ):
         Assistant(Assistance(shift=Shifting(**BOX)), ('steering', 'drive_torque'), (), H)
 
 
 def test_a_gearbox_that_was_shifted_by_hand_in_another_scene_begins_in_the_gear_that_is_in() -> None:
-    """At 30 m/s the first gear would turn the engine far too fast. What an automatic gearbox of another scene was in is kept."""
+    """At 30 m/s the first gear would turn the engine far too fast. What an automatic gearbox of another scene was in is
+    kept."""
     box, at = assistant(), {name: place for place, name in enumerate(NAMES)}
     row = np.zeros(len(NAMES))
     for gear, expected in ((2.0, 2.0), (0.0, 1.0), (-1.0, 1.0), (9.0, len(BOX['up']) + 1.0)):

@@ -52,15 +52,19 @@ def test_ten_steps_a_period_jumps_pulses_and_some_noise_are_not(signal: object) 
 
 
 def test_of_a_sweep_it_is_told_from_where_it_is_too_fast() -> None:
-    """Linear in time from 2 to 40 Hz in 5 s. With N steps a period it departs by (1 - cos(pi / N)) / 2 of its range at a peak, in half of
-    the steps by sqrt(1 / 2) of that: more than the limit below 8.3 steps of 10 ms, from 12 Hz on, which is reached after 1.33 s."""
+    """Linear in time from 2 to 40 Hz in 5 s. With N steps a period it departs by (1 - cos(pi / N)) / 2 of its range at
+    a peak, in half of the steps by sqrt(1 / 2) of that: more than the limit below 8.3 steps of 10 ms, from 12 Hz on,
+    which is reached after 1.33 s."""
     found = told(Sweep(amplitude=0.5, frequency=2.0, final_frequency=40.0, start=0.0, duration=5.0))
     assert found['u'].first == pytest.approx(1.33, abs=0.15)
 
 
 def test_how_often_it_is_looked_at_changes_nothing() -> None:
     signal = Sum(
-        terms=(Sweep(amplitude=0.5, frequency=2.0, final_frequency=40.0, start=0.0, duration=5.0), Step(value=4.0, start=1.0, rise=1.0))
+        terms=(
+            Sweep(amplitude=0.5, frequency=2.0, final_frequency=40.0, start=0.0, duration=5.0),
+            Step(value=4.0, start=1.0, rise=1.0),
+        )
     )
     assert told(signal) == told(signal, each=1) == told(signal, each=20)
 
@@ -74,12 +78,18 @@ def driven(frequency: float) -> Simulation:
         'coordinate_forces': {'s': {'terms': [['g', 1]], 'spring': 1.0, 'input': 'push'}},
     }
     push = {'kind': 'sine', 'amplitude': 10.0, 'frequency': frequency}
-    scene = {'mechanism': mechanism, 'integrator': {'h': H * 1e-9}, 'duration': 2, 'maneuver': {'signals': {'push': push}}}
+    scene = {
+        'mechanism': mechanism,
+        'integrator': {'h': H * 1e-9},
+        'duration': 2,
+        'maneuver': {'signals': {'push': push}},
+    }
     return Simulation(load_scene_text(json.dumps(scene)))
 
 
 def test_a_push_that_swings_with_the_steps_is_no_sound_run() -> None:
-    """Taken in the stage of each step it is a constant force, and the body goes to and fro by ten times what it should."""
+    """Taken in the stage of each step it is a constant force, and the body goes to and fro by ten times what it
+    should."""
     s = driven(100.0)
     s.advance(200)
     (found,) = findings(s)

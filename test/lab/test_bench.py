@@ -1,4 +1,5 @@
-"""The benchmark: shape of its report, the counters of fixed-cost steps, what it leaves untouched. No time is asserted."""
+"""The benchmark: shape of its report, the counters of fixed-cost steps, what it leaves untouched. No time is
+asserted."""
 
 from __future__ import annotations
 
@@ -37,7 +38,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     (directory / 'suite.yaml').write_text(SUITE)
     before = os.sched_getaffinity(0)
     with redirect_stdout(io.StringIO()) as printed:
-        code = main(['bench', '--suite', str(directory / 'suite.yaml'), '--quick', '--json', '--out', str(directory / 'out' / 'table.md')])
+        code = main(
+            [
+                'bench',
+                '--suite',
+                str(directory / 'suite.yaml'),
+                '--quick',
+                '--json',
+                '--out',
+                str(directory / 'out' / 'table.md'),
+            ]
+        )
     assert os.sched_getaffinity(0) == before
     assert printed.getvalue().count('\n') == 1
     data = json.loads(printed.getvalue())
@@ -54,7 +65,9 @@ def test_the_report_is_one_object_with_machine_and_cases(run: dict[str, Any]) ->
     data = run['data']
     assert (run['code'], data['status'], data['quick']) == (0, 'ok', True)
     assert list(run['cases']) == ['easy', 'impossible', 'missing']
-    assert {'cpu', 'cores', 'python', 'numpy', 'numba', 'llvm', 'source_hash', 'load_average', 'clock_us'} <= set(data['machine'])
+    assert {'cpu', 'cores', 'python', 'numpy', 'numba', 'llvm', 'source_hash', 'load_average', 'clock_us'} <= set(
+        data['machine']
+    )
     assert data['core'] in os.sched_getaffinity(0)
     assert all(0.0 <= data['disturbance'][key] <= 1.0 for key in ('waited', 'stolen'))
 
@@ -78,16 +91,21 @@ def test_every_figure_of_a_case_is_there(run: dict[str, Any]) -> None:
 def test_phases_make_up_the_step(run: dict[str, Any]) -> None:
     phases = run['cases']['easy']['phases']
     assert list(phases) == [*PHASES, 'whole']
-    # every median is taken by itself, so the sum agrees only within the scatter of the rounds; the pieces themselves are never negative
+    # every median is taken by itself, so the sum agrees only within the scatter of the rounds; the pieces themselves
+    # are never negative
     assert phases['whole'] > 0.0
-    assert all(phases[name] > 0.0 for name in ('placement', 'constraints', 'residual', 'assembly', 'solution', 'projection'))
+    assert all(
+        phases[name] > 0.0 for name in ('placement', 'constraints', 'residual', 'assembly', 'solution', 'projection')
+    )
 
 
 @pytest.mark.slow
 def test_counters_of_the_report_are_those_of_the_scheme(run: dict[str, Any]) -> None:
     counters = run['cases']['easy']['counters']
     assert counters['single'] == counters['audited'] == {'iterations': 3.0, 'factorizations': 1.0, 'evaluations': 4.0}
-    assert counters['batch'] == pytest.approx({'iterations': 3.0, 'factorizations': 1.0, 'evaluations': 3.0 + 1.0 / 500.0}, rel=1e-12)
+    assert counters['batch'] == pytest.approx(
+        {'iterations': 3.0, 'factorizations': 1.0, 'evaluations': 3.0 + 1.0 / 500.0}, rel=1e-12
+    )
 
 
 @pytest.mark.slow
@@ -106,8 +124,14 @@ def test_targets_are_judged_but_only_strict_fails(run: dict[str, Any], tmp_path:
     assert run['data']['missed'] == ['impossible/overhead_p50', 'missing/batch']
     assert '| impossible | overhead_p50 |' in run['table']
     (tmp_path / 'suite.yaml').write_text(SUITE)
-    assert main(['bench', '--suite', str(tmp_path / 'suite.yaml'), '--quick', '--strict', '--cases', 'impossible', '--json']) == 1
-    assert main(['bench', '--suite', str(tmp_path / 'suite.yaml'), '--quick', '--cases', 'missing', '--json']) == 1  # nothing measured
+    assert (
+        main(
+            ['bench', '--suite', str(tmp_path / 'suite.yaml'), '--quick', '--strict', '--cases', 'impossible', '--json']
+        )
+        == 1
+    )
+    # nothing measured
+    assert main(['bench', '--suite', str(tmp_path / 'suite.yaml'), '--quick', '--cases', 'missing', '--json']) == 1
 
 
 @pytest.mark.parametrize('scene', ['slider_crank', 'light_car_step_steer'])
@@ -115,7 +139,8 @@ def test_a_fixed_step_takes_two_iterations_and_one_factorization(scene: str) -> 
     simulation = Simulation(load_scene(scene, FIXED))
     n = 50
     alone = simulation.advance(n, audit=False).counters
-    assert (alone.iterations, alone.factorizations, alone.evaluations) == (2 * n, n, 2 * n + 1)  # outputs after the last step only
+    # outputs after the last step only
+    assert (alone.iterations, alone.factorizations, alone.evaluations) == (2 * n, n, 2 * n + 1)
     audited = simulation.advance(n).counters
     assert (audited.iterations, audited.factorizations, audited.evaluations) == (2 * n, n, 3 * n)
 
@@ -133,7 +158,9 @@ def test_measuring_phases_leaves_the_simulation_as_it_was() -> None:
 
 
 @pytest.mark.slow
-def test_a_loop_that_publishes_every_fifth_step_makes_all_steps_and_records_their_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_loop_that_publishes_every_fifth_step_makes_all_steps_and_records_their_inputs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     noted: list[int] = []
     recorded: list[tuple[int, int]] = []
     note, record = StepRecorder.note, StepRecorder.record

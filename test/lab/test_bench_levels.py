@@ -63,7 +63,9 @@ def test_the_least_share_is_that_of_steps_and_the_cheaper_bare_node(monkeypatch:
     monkeypatch.setattr(
         measurement,
         '_share',
-        lambda arguments, **variables: share[variables['RMW_FASTRTPS_PUBLICATION_MODE'] if variables else level_in(arguments)],
+        lambda arguments, **variables: share[
+            variables['RMW_FASTRTPS_PUBLICATION_MODE'] if variables else level_in(arguments)
+        ],
     )
     measurement.round(1)
     figures = measurement.figures()['figures']

@@ -1,4 +1,5 @@
-"""Studies of the cars: quick variants judge themselves and hold numbers that can be checked by hand; their tools on known curves."""
+"""Studies of the cars: quick variants judge themselves and hold numbers that can be checked by hand; their tools on
+known curves."""
 
 from __future__ import annotations
 
@@ -18,14 +19,18 @@ def made(h: float, heading_error: float = 0.0, n: int = 501) -> CarRun:
     t = GRID * np.arange(n)
     wrong = 3.0 * h**2 + h**4
     heading = 0.2 * t + heading_error
-    place = 100.0 * np.column_stack([np.sin(heading) - np.sin(heading_error), np.cos(heading_error) - np.cos(heading)]) + wrong
+    place = (
+        100.0 * np.column_stack([np.sin(heading) - np.sin(heading_error), np.cos(heading_error) - np.cos(heading)])
+        + wrong
+    )
     forces = np.full((n, 4, 3), 1000.0) + wrong
     velocity = np.tile([20.0, 0.0], (n, 1))
     return CarRun(f'ALF {h}', t, place, heading, velocity, np.full(n, 0.2) + wrong, forces, np.zeros((1, 2)), {}, '')
 
 
 def test_extrapolation_removes_the_second_order_and_knows_what_it_leaves() -> None:
-    """Of 3 h^2 + h^4 the finest pair leaves (4 h^4 - 16 h^4)/3 = -4 h^4, the pair before 16 times that: the band is 60 h^4."""
+    """Of 3 h^2 + h^4 the finest pair leaves (4 h^4 - 16 h^4)/3 = -4 h^4, the pair before 16 times that: the band is 60
+    h^4."""
     levels = [made(h) for h in (0.4, 0.2, 0.1)]
     found, exact = converged(levels), made(0.0)
     assert found.run.yaw_rate - exact.yaw_rate == pytest.approx(-4.0 * 0.1**4, rel=1e-6)
@@ -53,18 +58,28 @@ def test_a_run_that_fails_is_a_result() -> None:
 @pytest.mark.slow
 def test_quick_study_of_the_car_meets_its_limits(tmp_path) -> None:
     found = car.study(tmp_path, quick=True, progress=lambda text, done: None)
-    assert {check['name']: check['met'] for check in found['checks']} == {check['name']: True for check in found['checks']}
+    assert {check['name']: check['met'] for check in found['checks']} == {
+        check['name']: True for check in found['checks']
+    }
     assert len(found['checks']) >= 9
     # twice the step, four times the departure, and a little more: the motor of the power steering has a lag of 3 ms
-    assert found['methods']['ALF 2 ms']['tire_force'] == pytest.approx(4.8 * found['methods']['ALF 1 ms']['tire_force'], rel=0.25)
+    assert found['methods']['ALF 2 ms']['tire_force'] == pytest.approx(
+        4.8 * found['methods']['ALF 1 ms']['tire_force'], rel=0.25
+    )
     assert found['methods']['ALF 5 ms']['position'] > found['methods']['ALF 1 ms']['position']
     assert found['band']['tire_force'] < found['methods']['ALF 1 ms']['tire_force']
-    assert {'maneuver.png', 'departures.png', 'dampers.png', 'methods.csv'} <= {path.name for path in tmp_path.iterdir()}
+    assert {'maneuver.png', 'departures.png', 'dampers.png', 'methods.csv'} <= {
+        path.name for path in tmp_path.iterdir()
+    }
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('cars', [('full_car', 'light_car'), pytest.param(tuple(kandc.CARS), marks=pytest.mark.long)], ids=['two', 'all'])
-def test_quick_study_of_kinematics_and_compliance(cars: tuple[str, ...], tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    'cars', [('full_car', 'light_car'), pytest.param(tuple(kandc.CARS), marks=pytest.mark.long)], ids=['two', 'all']
+)
+def test_quick_study_of_kinematics_and_compliance(
+    cars: tuple[str, ...], tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(kandc, 'CARS', {name: kandc.CARS[name] for name in cars})
     found = kandc.study(tmp_path, quick=True, progress=lambda text, done: None)
     assert all(check['met'] for check in found['checks'])
@@ -76,11 +91,14 @@ def test_quick_study_of_kinematics_and_compliance(cars: tuple[str, ...], tmp_pat
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
     z, load = (np.array([row[key] for row in rows]) for key in ('travel', 'front_left/load'))
     # the wheel rate of the sheet is the slope of the curve, whose next points are 20 mm away
-    assert np.interp(0.02, z, load) - np.interp(-0.02, z, load) == pytest.approx(0.04 * full['wheel_rate_front'], rel=0.05)
+    assert np.interp(0.02, z, load) - np.interp(-0.02, z, load) == pytest.approx(
+        0.04 * full['wheel_rate_front'], rel=0.05
+    )
 
 
 def test_ackermann_is_the_angle_about_a_common_point() -> None:
-    """Wheelbase 2.5 m, track 1.5 m, inner wheel turning about a point 4 m beside it: the outer one turns about 5.5 m."""
+    """Wheelbase 2.5 m, track 1.5 m, inner wheel turning about a point 4 m beside it: the outer one turns about 5.5
+    m."""
 
     places = {'front_left': (1.25, 0.75), 'front_right': (1.25, -0.75), 'rear_left': (-1.25, 0.75)}
     stand = SimpleNamespace(centers={name: np.array(place) for name, place in places.items()})
@@ -103,7 +121,8 @@ def test_quick_study_of_error_against_cost(tmp_path) -> None:
     found = car_cost.study(tmp_path, quick=True, progress=lambda text, done: None)
     errors = {(p['h'], p['iterations'], p['rho']): p['position'] for p in found['points'] if not p['other']}
     assert len(errors) == 8
-    assert errors[5e-3, 3, 0.8] > 10.0 * errors[1e-3, 3, 0.8]  # second order would be 25, what three iterations leave is more
+    # second order would be 25, what three iterations leave is more
+    assert errors[5e-3, 3, 0.8] > 10.0 * errors[1e-3, 3, 0.8]
     # damping is no worse than what it damps: all begin in the same state
     assert errors[1e-3, 3, 0.0] < 0.1 * errors[5e-3, 1, 0.8]
     work = {(p['h'], p['iterations'], p['rho']): p['evaluations'] for p in found['points'] if not p['other']}

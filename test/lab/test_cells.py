@@ -25,7 +25,9 @@ def filled(directory: Path, *names: str) -> list[str]:
     return computed
 
 
-def test_cells_are_computed_once_and_again_where_they_are_damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cells_are_computed_once_and_again_where_they_are_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert filled(tmp_path, 'a', 'b') == ['a', 'b']
     assert filled(tmp_path, 'a', 'b', 'c') == ['c']
     for file in tmp_path.iterdir():

@@ -1,4 +1,5 @@
-"""N four-bar linkages beside other programs: the exact solution, our errors, what becomes of peers that are there, fail or are missing."""
+"""N four-bar linkages beside other programs: the exact solution, our errors, what becomes of peers that are there, fail
+or are missing."""
 
 from __future__ import annotations
 
@@ -26,11 +27,15 @@ def test_the_exact_solution_keeps_the_energy_of_the_rods_and_closes_every_joint(
     model = planar(Simulation(load_scene('four_bar_n', LOOPS)), times)
     places = exact(model, times)
     assert gap(model, places) < 1e-12
-    rates = (places[2:] - places[:-2]) / (times[2] - times[0])  # central differences, error h^2/6 of the third derivative
+    # central differences, error h^2/6 of the third derivative
+    rates = (places[2:] - places[:-2]) / (times[2] - times[0])
     m, inertia = (np.array([body[key] for body in model['bodies']]) for key in ('m', 'I'))
     kinetic = 0.5 * (rates[..., 0] ** 2 + rates[..., 1] ** 2) @ m + 0.5 * rates[..., 2] ** 2 @ inertia
     energy = kinetic + 9.81 * places[1:-1, :, 1] @ m
-    start = 0.5 * sum(b['m'] * (b['vx'] ** 2 + b['vy'] ** 2) + b['I'] * b['w'] ** 2 + 2 * 9.81 * b['m'] * b['y'] for b in model['bodies'])
+    start = 0.5 * sum(
+        b['m'] * (b['vx'] ** 2 + b['vy'] ** 2) + b['I'] * b['w'] ** 2 + 2 * 9.81 * b['m'] * b['y']
+        for b in model['bodies']
+    )
     np.testing.assert_allclose(energy, start, rtol=1e-4)
     assert np.ptp(kinetic) > 50.0  # it moves through most of its potential energy
 
@@ -92,7 +97,8 @@ def test_without_other_programs_our_runs_are_measured_and_a_line_says_what_is_mi
 
 @pytest.mark.usefixtures('nobody')
 def test_answers_of_other_programs_become_times_and_errors(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A stand-in for both answers each run by its number n: with the exact places moved by n mm in n s of CPU time, the first failed."""
+    """A stand-in for both answers each run by its number n: with the exact places moved by n mm in n s of CPU time, the
+    first failed."""
     case = Linkage('four_bar_n', LOOPS, 2)
     start = np.array([[body[key] for key in ('x', 'y', 'phi')] for body in case._model['bodies']])
     stand_in = tmp_path / 'python'
@@ -120,7 +126,9 @@ print('noise\\n' + json.dumps({{'version': '7', 'results': [{{'error': 'no conve
     for program, settings in (('Exudyn 7', EXUDYN), ('MuJoCo 7', MUJOCO)):
         failed, *runs = [run for run in found['runs'] if run['program'] == program]
         assert (failed['failed'], failed['us'], failed['error']) == ('no convergence', None, None)
-        assert [(run['settings'], run['h']) for run in [failed, *runs]] == [(name, h) for name in settings for h in STEPS]
+        assert [(run['settings'], run['h']) for run in [failed, *runs]] == [
+            (name, h) for name in settings for h in STEPS
+        ]
         np.testing.assert_allclose([run['error'] for run in runs], 1e3 * np.arange(1, len(runs) + 1), rtol=1e-9)
         np.testing.assert_allclose([run['us'] for run in runs], 1e3 / 0.2 * np.arange(1, len(runs) + 1), rtol=1e-9)
     # a run that is moved by 1 mm is 1 mm wrong up to rounding; nothing but ours is within 0.1 mm
@@ -130,11 +138,16 @@ print('noise\\n' + json.dumps({{'version': '7', 'results': [{{'error': 'no conve
 
 
 def _report(found: dict) -> dict:
-    return {'cases': [{'name': 'a', 'measure': 'linkage', 'status': 'ok', 'reason': '', 'targets': [], **found}], 'growth': []}
+    return {
+        'cases': [{'name': 'a', 'measure': 'linkage', 'status': 'ok', 'reason': '', 'targets': [], **found}],
+        'growth': [],
+    }
 
 
 def test_other_scenes_are_refused() -> None:
-    with pytest.raises(SpecError, match=r"scene 'pendulum': measure linkage knows the exact solution of four_bar_n alone"):
+    with pytest.raises(
+        SpecError, match=r"scene 'pendulum': measure linkage knows the exact solution of four_bar_n alone"
+    ):
         Linkage('pendulum', [], 2)
 
 

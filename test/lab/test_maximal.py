@@ -1,6 +1,8 @@
-"""The reference in maximal coordinates against closed forms, its rows against differences, and linkages against another reference.
+"""The reference in maximal coordinates against closed forms, its rows against differences, and linkages against another
+reference.
 
-Tolerance 1e-11 of every step adds up to some 1e-9 of the size within a second; what is compared with closed forms is held to 1e-8.
+Tolerance 1e-11 of every step adds up to some 1e-9 of the size within a second; what is compared with closed forms is
+held to 1e-8.
 """
 
 from __future__ import annotations
@@ -24,13 +26,22 @@ TIMES = np.linspace(0.0, 1.0, 21)
 pytestmark = pytest.mark.slow  # its kernels are compiled where they are not kept yet
 
 
-def solved(mechanism: dict, maneuver: dict | None = None, times: np.ndarray = TIMES) -> tuple[Maximal, dict[str, np.ndarray]]:
+def solved(
+    mechanism: dict, maneuver: dict | None = None, times: np.ndarray = TIMES
+) -> tuple[Maximal, dict[str, np.ndarray]]:
     """A mechanism and its motion: p, q, v, w (times, bodies, 3 or 4)."""
-    maximal = Maximal(yaml.safe_dump({'mechanism': mechanism, **({'maneuver': {'signals': maneuver}} if maneuver else {})}))
+    maximal = Maximal(
+        yaml.safe_dump({'mechanism': mechanism, **({'maneuver': {'signals': maneuver}} if maneuver else {})})
+    )
     y, _ = maximal.solve(times, TIGHT)
     n = maximal.n
     p, q, v, w = np.split(y, (3 * n, 7 * n, 10 * n), axis=1)
-    return maximal, {'p': p.reshape(-1, n, 3), 'q': q.reshape(-1, n, 4), 'v': v.reshape(-1, n, 3), 'w': w.reshape(-1, n, 3)}
+    return maximal, {
+        'p': p.reshape(-1, n, 3),
+        'q': q.reshape(-1, n, 4),
+        'v': v.reshape(-1, n, 3),
+        'w': w.reshape(-1, n, 3),
+    }
 
 
 def body(mass: float, inertia, position=(0.0, 0.0, 0.0), **more) -> dict:
@@ -97,7 +108,9 @@ def test_a_disc_rolls_in_a_circle_with_a_constant_lean():
     )  # fmt: skip
     assert found['p'][:, 0, 2] == pytest.approx(np.full(len(TIMES), r * s), abs=1e-8)
     heading = Rotation.from_quat(found['q'][:, 0]).apply([0, 0, 1])
-    assert np.unwrap(np.arctan2(heading[:, 1], heading[:, 0])) - np.arctan2(axis[1], axis[0]) == pytest.approx(turning * TIMES, abs=1e-8)
+    assert np.unwrap(np.arctan2(heading[:, 1], heading[:, 0])) - np.arctan2(axis[1], axis[0]) == pytest.approx(
+        turning * TIMES, abs=1e-8
+    )
 
 
 def test_a_chaplygin_sleigh_runs_as_hyperbolic_functions_say():
@@ -110,10 +123,16 @@ def test_a_chaplygin_sleigh_runs_as_hyperbolic_functions_say():
             'gravity': [0, 0, 0],
             'bodies': {
                 'sleigh': body(
-                    mass, (0.05, 0.06, own), (a, 0, 0), velocity=[float(u), float(a * w), 0.0], angular_velocity=[0, 0, float(w)]
+                    mass,
+                    (0.05, 0.06, own),
+                    (a, 0, 0),
+                    velocity=[float(u), float(a * w), 0.0],
+                    angular_velocity=[0, 0, float(w)],
                 )
             },
-            'joints': {'plane': {'kind': 'point_on_plane', 'i': 'world', 'j': 'sleigh', 'at': [0, 0, 0], 'axis': [0, 0, 1]}},
+            'joints': {
+                'plane': {'kind': 'point_on_plane', 'i': 'world', 'j': 'sleigh', 'at': [0, 0, 0], 'axis': [0, 0, 1]}
+            },
             'contacts': {'blade': {'kind': 'knife_edge', 'i': 'world', 'j': {'body': 'sleigh', 'at': [0, 0, 0]}}},
         }
     )
@@ -152,9 +171,14 @@ def test_a_driven_four_bar_is_where_two_circles_meet():
 
 
 def test_a_body_on_an_undamped_bushing_keeps_its_energy_through_large_turns():
-    """Potential (k d^2 + c theta^2) / 2 over displacement and rotation vector along marker i: the torque is its gradient."""
+    """Potential (k d^2 + c theta^2) / 2 over displacement and rotation vector along marker i: the torque is its
+    gradient."""
     k, c, inertia = np.array([50.0, 80.0, 30.0]), np.array([4.0, 2.0, 7.0]), np.array([0.3, 0.4, 0.5])
-    bushing = {'i': 'world', 'j': {'body': 'box', 'position': [0.1, 0.2, -0.3]}, 'stiffness': [*k.tolist(), *c.tolist()]}
+    bushing = {
+        'i': 'world',
+        'j': {'body': 'box', 'position': [0.1, 0.2, -0.3]},
+        'stiffness': [*k.tolist(), *c.tolist()],
+    }
     _, found = solved(
         {
             'gravity': [0, 0, 0],
@@ -164,7 +188,9 @@ def test_a_body_on_an_undamped_bushing_keeps_its_energy_through_large_turns():
     )
     R = Rotation.from_quat(found['q'][:, 0])
     theta, d = R.as_rotvec(), found['p'][:, 0] + R.apply([0.1, 0.2, -0.3])
-    energy = (2.0 * np.sum(found['v'][:, 0] ** 2, axis=1) + found['w'][:, 0] ** 2 @ inertia + d**2 @ k + theta**2 @ c) / 2.0
+    energy = (
+        2.0 * np.sum(found['v'][:, 0] ** 2, axis=1) + found['w'][:, 0] ** 2 @ inertia + d**2 @ k + theta**2 @ c
+    ) / 2.0
     assert np.max(np.linalg.norm(theta, axis=1)) > 1.5
     assert energy == pytest.approx(np.full(len(TIMES), energy[0]), rel=1e-9)
 
@@ -185,7 +211,8 @@ def test_linkages_move_as_another_reference_has_it(name):
 
 @pytest.mark.parametrize('index', [0, 1, 3, 4, 5, 6, 8])
 def test_rates_and_second_derivatives_of_rows_are_those_of_their_values(index):
-    """Along constant velocities that the rows allow; differences over 1e-5 s are good to 1e-8 of what changes in a second."""
+    """Along constant velocities that the rows allow; differences over 1e-5 s are good to 1e-8 of what changes in a
+    second."""
     maximal = Maximal(mixture(index).text)
     n, rng = maximal.n, np.random.default_rng(index)
     directions = maximal.free_directions()
@@ -207,7 +234,9 @@ def test_rates_and_second_derivatives_of_rows_are_those_of_their_values(index):
     _, rate, second, gradient = at(0.0)
     before, after = at(-h), at(h)
     scale = np.max(np.abs(rate)) + np.max(np.abs(second))
-    assert (after[0] - before[0])[maximal.holonomic] / (2 * h) == pytest.approx(rate[maximal.holonomic], abs=1e-8 * scale)
+    assert (after[0] - before[0])[maximal.holonomic] / (2 * h) == pytest.approx(
+        rate[maximal.holonomic], abs=1e-8 * scale
+    )
     assert (after[1] - before[1]) / (2 * h) == pytest.approx(second, abs=1e-7 * scale)
     velocity = np.hstack((y[7 * n : 10 * n].reshape(n, 3), w))
     own = np.einsum('kbi,bi->k', gradient[:, :n], velocity)

@@ -1,4 +1,5 @@
-"""What `mbd bench` measures beside the step: idle loops, threads, growth, the rig, starts, the node. No time is asserted."""
+"""What `mbd bench` measures beside the step: idle loops, threads, growth, the rig, starts, the node. No time is
+asserted."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ cases:
 
 @pytest.fixture(scope='module')
 def run(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """One quick run of a suite without Exudyn: the cases by name, the whole report, and the document it was written into."""
+    """One quick run of a suite without Exudyn: the cases by name, the whole report, and the document it was written
+    into."""
     directory = tmp_path_factory.mktemp('measures')
     (directory / 'others.yaml').write_text(SUITE)
     file = directory / 'performance.md'
@@ -129,9 +131,13 @@ def test_the_car_on_the_rig_has_the_counts_of_the_car_and_its_wheels_turn() -> N
     assert len(spec.bushings) == len(full.bushings) + 4 == 33
     simulation = Simulation(scene)
     assert simulation.describe()['dof'] == 134
-    state, wheels = simulation.state, [k for k, name in enumerate(simulation.model.body_names) if name.startswith('wheel_')]
+    state, wheels = (
+        simulation.state,
+        [k for k, name in enumerate(simulation.model.body_names) if name.startswith('wheel_')],
+    )
     np.testing.assert_allclose(state.v[wheels, 4], SPIN, rtol=1e-3)
-    # the springs at the ground carry the weight: their deflection is that of the wheel less the runout, which is below it
+    # the springs at the ground carry the weight: their deflection is that of the wheel less the runout, which is below
+    # it
     places = np.array([full.bodies[k].position[2] for k in wheels])
     deflection = places - (state.q[wheels, 2] - RUNOUT)
     weight = 9.81 * sum(body.mass for body in spec.bodies)
@@ -222,7 +228,9 @@ def test_the_node_at_work_is_measured(tmp_path: Path, monkeypatch: pytest.Monkey
     assert found['figures']['missed'] == 0
 
 
-def test_the_node_runs_as_long_as_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_node_runs_as_long_as_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / 'suite.yaml'
     file.write_text('cases: {a: {measure: node, scene: pendulum, duration: 30}}')
     seen: list[float] = []

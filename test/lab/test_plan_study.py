@@ -1,4 +1,5 @@
-"""The study of the plans: a quick one is whole, goes on where it was, and finds nothing cheaper than what its plan has found."""
+"""The study of the plans: a quick one is whole, goes on where it was, and finds nothing cheaper than what its plan has
+found."""
 
 from __future__ import annotations
 

@@ -10,7 +10,16 @@ import pytest
 from mbd_sim_ros.lab.mechanisms.judgement import RIGHT, TOLD, WRONG
 from mbd_sim_ros.lab.studies import stability, stability_cars, stability_maps, stability_passages
 from mbd_sim_ros.lab.studies.neighbours import silent, within
-from mbd_sim_ros.lab.studies.stability_maps import Line, Problem, moved, oscillator, pendulum, run_line, slider_crank, top
+from mbd_sim_ros.lab.studies.stability_maps import (
+    Line,
+    Problem,
+    moved,
+    oscillator,
+    pendulum,
+    run_line,
+    slider_crank,
+    top,
+)
 
 STEPS = (1e-3, 2e-3, 5e-3)
 
@@ -29,7 +38,8 @@ def test_a_stiff_spring_is_told_at_every_step() -> None:
 
 
 def test_another_motion_that_is_called_exact_makes_runs_silently_wrong() -> None:
-    """Steps that agree with each other on another motion: errors stay, what steps do not see of it falls with their square."""
+    """Steps that agree with each other on another motion: errors stay, what steps do not see of it falls with their
+    square."""
 
     def off() -> Problem:
         right = oscillator()

@@ -1,4 +1,5 @@
-"""docs/tools/studies.py: the page takes sections of reports, without their pictures, and leaves alone what has not been run."""
+"""docs/tools/studies.py: the page takes sections of reports, without their pictures, and leaves alone what has not been
+run."""
 
 from __future__ import annotations
 
@@ -8,7 +9,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-REPORT = '# Title\n\nabove\n\n## First\n\ntext\n\n![a caption](a.png)\n\n*a caption*\n\n| x |\n| --- |\n\n## Checks\n\nlast\n'
+REPORT = (
+    '# Title\n\nabove\n\n## First\n\ntext\n\n![a caption](a.png)\n\n*a caption*\n\n| x |\n| --- |\n\n## '
+    'Checks\n\nlast\n'
+)
 
 
 @pytest.fixture(scope='module')
@@ -24,10 +28,16 @@ def test_a_part_is_a_section_without_pictures(studies, tmp_path):
     (tmp_path / 'some').mkdir()
     (tmp_path / 'some' / 'report.md').write_text(REPORT)
     document = (
-        'a <!-- begin some: First -->\nold\n<!-- end --> b <!-- begin some -->\n<!-- end --> c <!-- begin other: X -->\nkept\n<!-- end -->'
+        'a <!-- begin some: First -->\nold\n<!-- end --> b <!-- begin some -->\n<!-- end --> c <!-- begin '
+        'other: X -->\nkept\n<!-- end -->'
     )
-    expected = 'a <!-- begin some: First -->\ntext\n\n| x |\n| --- |\n<!-- end --> b <!-- begin some -->\nabove\n<!-- end --> c'
-    assert studies.fill(document, tmp_path, ['some', 'other']) == expected + ' <!-- begin other: X -->\nkept\n<!-- end -->'
+    expected = (
+        'a <!-- begin some: First -->\ntext\n\n| x |\n| --- |\n<!-- end --> b <!-- begin some -->\nabove\n<!-- '
+        'end --> c'
+    )
+    assert (
+        studies.fill(document, tmp_path, ['some', 'other']) == expected + ' <!-- begin other: X -->\nkept\n<!-- end -->'
+    )
 
 
 def test_the_pages_show_small_pictures_that_are_there(studies):

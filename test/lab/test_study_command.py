@@ -104,7 +104,11 @@ def test_slider_crank_phases_keep_all_limits_with_both_settings(capsys, tmp_path
 def test_penalty_map_shows_what_grows_with_the_penalty_and_that_the_settings_lose_nothing(capsys, tmp_path):
     found = quick(capsys, 'penalty_map', tmp_path)
     assert found['missed'] == []
-    lost = {(row['scheme'], row['penalty']): row['lost'] for row in found['rows'] if row['h'] == 0.02 and row['form'] == 'condensed'}
+    lost = {
+        (row['scheme'], row['penalty']): row['lost']
+        for row in found['rows']
+        if row['h'] == 0.02 and row['form'] == 'condensed'
+    }
     assert lost['conserving', 1e4] == lost['default', 1e6] == 0
     growth = {row['step [ms]']: row for row in found['growth']}
     # with the step and with the root of the penalty, once it exceeds one
@@ -117,7 +121,9 @@ def test_validation_finds_ours_at_the_published_figures(capsys, tmp_path):
     found = quick(capsys, 'validation', tmp_path)
     assert found['missed'] == []
     assert {j['case'] for j in found['judgements']} >= {'A01', 'Cylindrical_Case03'}
-    torque = next(j for j in found['judgements'] if (j['case'], j['quantity']) == ('Cylindrical_Case03', 'reaction torque'))
+    torque = next(
+        j for j in found['judgements'] if (j['case'], j['quantity']) == ('Cylindrical_Case03', 'reaction torque')
+    )
     assert torque['size'] > 1700.0 > 1e3 * torque['limiting']
     assert '| reaction torque [N m] | 5 | 1754.50 -129.869 129.869 |' in (tmp_path / 'report.md').read_text()
 
@@ -130,7 +136,11 @@ def test_work_precision_measures_ours_and_says_what_is_left_out(capsys, tmp_path
     found = quick(capsys, 'work_precision', tmp_path)
     for program in ('Exudyn', 'MuJoCo'):
         assert any(f'{program} is left out' in note and note.count('\n') == 0 for note in found['notes'])
-    ours = [p for p in found['points'] if p['method'] == 'ALF' and p['outcome'] == 'ok' and p['problem'] == 'regular slider-crank']
+    ours = [
+        p
+        for p in found['points']
+        if p['method'] == 'ALF' and p['outcome'] == 'ok' and p['problem'] == 'regular slider-crank'
+    ]
     errors = {p['setting']: p['error'] for p in ours}
     assert errors['h 25 ms'] / errors['h 5 ms'] > 0.5 * 5.0**2  # at least second order between these steps
     assert all(p['cpu'] > 0.0 and p['factorizations'] > 0 and p['evaluations'] > p['factorizations'] for p in ours)
@@ -139,9 +149,12 @@ def test_work_precision_measures_ours_and_says_what_is_left_out(capsys, tmp_path
 
 @pytest.mark.slow
 def test_mujoco_swings_as_the_reference_does_on_an_open_chain():
-    """Its Runge-Kutta method of order four against our reference of a double pendulum: the two describe the same motion, angle by angle."""
+    """Its Runge-Kutta method of order four against our reference of a double pendulum: the two describe the same
+    motion, angle by angle."""
     pytest.importorskip('mujoco', reason="a peer: pip install 'mbd_sim_ros[bench]'")
-    problem = next(p for p in work_precision.PROBLEMS if p.name == 'double pendulum')._replace(duration=0.5, intervals=5)
+    problem = next(p for p in work_precision.PROBLEMS if p.name == 'double pendulum')._replace(
+        duration=0.5, intervals=5
+    )
     scene = load_scene(problem.scene, problem.overrides)
     instants = problem.duration * np.arange(1, problem.intervals + 1) / problem.intervals
     exact, estimate = work_precision._reference(problem, scene, instants)
@@ -156,7 +169,8 @@ def test_mujoco_swings_as_the_reference_does_on_an_open_chain():
 
 
 def test_work_precision_goes_on_with_the_problem_it_was_in(tmp_path, monkeypatch):
-    """Interrupted in its second problem, it does not begin the first again; what a missing peer left out is not kept."""
+    """Interrupted in its second problem, it does not begin the first again; what a missing peer left out is not
+    kept."""
     asked: list[str] = []
     missing: list[str] = []
 
@@ -164,11 +178,15 @@ def test_work_precision_goes_on_with_the_problem_it_was_in(tmp_path, monkeypatch
         asked.append(problem.name)
         if len(asked) == 2:
             raise KeyboardInterrupt
-        runs = [work_precision.Point(problem.name, 'ALF', f'h {n} ms', 1e-4 * n**2, 1.0 / n, 100 // n, 200 // n, 'ok') for n in (1, 2, 4)]
+        runs = [
+            work_precision.Point(problem.name, 'ALF', f'h {n} ms', 1e-4 * n**2, 1.0 / n, 100 // n, 200 // n, 'ok')
+            for n in (1, 2, 4)
+        ]
         return {'points': [run._asdict() for run in runs], 'notes': missing, 'estimate': 1e-12}
 
     monkeypatch.setattr(work_precision, '_solved', solved)
-    monkeypatch.setattr(work_precision.precision_report, 'picture', lambda *_: None)  # they take longer than all the rest
+    # they take longer than all the rest
+    monkeypatch.setattr(work_precision.precision_report, 'picture', lambda *_: None)
     first, second = work_precision.QUICK
 
     def study() -> dict:
@@ -235,7 +253,9 @@ def test_constants_find_what_one_number_does_and_go_on(capsys, tmp_path, monkeyp
     """Friction of the road under a start does nothing to a pendulum; a second study computes nothing again."""
     study = module('constants')
     all_of = study.constants(study.FOLDERS)
-    chosen = [one for one in all_of if one.key in ('solver.start.initial_conditions.GRIP', 'solver.step.interval.ORDER')]
+    chosen = [
+        one for one in all_of if one.key in ('solver.start.initial_conditions.GRIP', 'solver.step.interval.ORDER')
+    ]
     monkeypatch.setattr(study, 'constants', lambda *_: chosen)
     monkeypatch.setattr(study, 'members', lambda quick: [study.Member('pendulum', 0.05)])
     found = quick(capsys, 'constants', tmp_path)
@@ -253,7 +273,10 @@ def test_verdicts_holds_runs_against_the_reference_and_goes_on_where_it_was(caps
     study = module('verdicts')
     monkeypatch.setattr(study, 'QUICK_SAMPLES', 2)
     found = quick(capsys, 'verdicts', tmp_path)
-    assert [(row['of'], row['runs']) for row in found['steps']] == [*((f'{h:g} ms', 2) for h in (10, 5, 2, 1, 0.5)), ('all', 10)]
+    assert [(row['of'], row['runs']) for row in found['steps']] == [
+        *((f'{h:g} ms', 2) for h in (10, 5, 2, 1, 0.5)),
+        ('all', 10),
+    ]
     assert found['steps'][3]['off by more than 5%'] == found['steps'][-1]['failed or refused'] == 0
     assert found['steps'][4]['median error of ok'] < found['steps'][3]['median error of ok'] / 3.0  # second order
     for name in ('motion', 'simulate'):

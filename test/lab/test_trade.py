@@ -1,4 +1,5 @@
-"""mbd study trade SCENE: every setting is a row with its errors by origin, failures too; what is kept is not computed again."""
+"""mbd study trade SCENE: every setting is a row with its errors by origin, failures too; what is kept is not computed
+again."""
 
 from __future__ import annotations
 
@@ -30,7 +31,9 @@ def test_a_quick_trade_has_all_rows_marks_its_front_and_can_be_resumed(capsys, t
         assert row['counters']['evaluations'] > 1.0
         for errors in row['errors'].values():
             assert (errors['model_share'] == 0.0) or 'without' in row['setting']
-            assert errors['rms_share'] <= 1.001 * sum(errors[f'{o}_share'] for o in ('model', 'step', 'iteration')) + 1e-9
+            assert (
+                errors['rms_share'] <= 1.001 * sum(errors[f'{o}_share'] for o in ('model', 'step', 'iteration')) + 1e-9
+            )
             assert errors['rms'] <= errors['max']
     # the square of the step
     step = {h: good[f'full, {h} ms, 3 iterations, rho 0.8']['errors']['yaw_rate']['step_share'] for h in (4, 8)}

@@ -1,4 +1,5 @@
-"""Published figures: every case runs, converges with the order of the method, and to what is published within its accuracy."""
+"""Published figures: every case runs, converges with the order of the method, and to what is published within its
+accuracy."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ def test_ours_converge_to_the_published_figures(name: str) -> None:
 
 
 def test_reactions_of_the_cases_tell_sign_body_and_point() -> None:
-    """Torques that are not zero stand against every kind of joint that has them; those of sliding joints are far from marker G."""
+    """Torques that are not zero stand against every kind of joint that has them; those of sliding joints are far from
+    marker G."""
     figures = read('joints')
     for name, component in {
         'Revolute_Case02': 13.0, 'Universal_Case03': 0.1, 'Prismatic_Case02': 600.0, 'Prismatic_Case03': 19.0,
@@ -42,7 +44,8 @@ def test_reactions_of_the_cases_tell_sign_body_and_point() -> None:
 
 
 def test_a_departure_and_an_order_are_found() -> None:
-    """A case made of ours: the coordinate of a pendulum, published 1e-3 too large. A quaternion may have either sign."""
+    """A case made of ours: the coordinate of a pendulum, published 1e-3 too large. A quaternion may have either
+    sign."""
 
     def angle(s):
         return np.array([s.snapshot().joint_position[0]])

@@ -20,7 +20,8 @@ from solver.scene import Scene
 LIMIT = 'require={yaw_rate: {rms: 2 %}}'
 INTEGRATOR = {'h': 4e-3, 'rho_inf': 0.8, 'mode': 'fixed', 'iterations': 2}
 PLAN: dict[str, Any] = {
-    'status': 'ok', 'hash': 'abc', 'fidelity': 'full', 'settings': {'switches': {}, 'integrator': INTEGRATOR}, 'envelope': [],
+    'status': 'ok', 'hash': 'abc', 'fidelity': 'full', 'settings': {'switches': {}, 'integrator': INTEGRATOR},
+    'envelope': [],
     'findings': [],
 }  # fmt: skip
 
@@ -78,7 +79,9 @@ def test_a_recording_of_the_same_name_with_other_inputs_has_another_plan(monkeyp
 
 
 @pytest.mark.parametrize(('every', 'kept'), [(1, 1), (10, 2), (3, 1)])
-def test_a_recording_of_longer_steps_is_no_coarser_in_time(planned: Callable[..., Scene], every: int, kept: int) -> None:
+def test_a_recording_of_longer_steps_is_no_coarser_in_time(
+    planned: Callable[..., Scene], every: int, kept: int
+) -> None:
     """Ten steps of 1 ms are two of 4 ms."""
     scene = planned(f'record.every={every}', 'integrator.h=0.001')
     assert resolved(scene)[0].record.every == kept
@@ -93,7 +96,8 @@ def test_it_is_integrated_as_it_was_measured(planned: Callable[..., Scene], kind
 
 
 def test_a_maneuver_of_the_road_wheels_finds_its_plan(planned: Callable[..., Scene]) -> None:
-    """The plan is one of the scene as it is written, not of the angle at the steering wheel that the map makes of it."""
+    """The plan is one of the scene as it is written, not of the angle at the steering wheel that the map makes of
+    it."""
     scene = planned('maneuver={road_wheel: {kind: step, value: 0.03, start: 0.1, rise: 0.1}}')
     simulation = solver.simulation_of(scene)
     assert simulation.h == 4e-3

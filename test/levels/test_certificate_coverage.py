@@ -33,9 +33,13 @@ PLAN: dict[str, Any] = {
 SCENE = ['duration=0.4', 'maneuver.steering.start=0.1', 'require={yaw_rate: {rms: 5 %}}']
 
 
-def finding(quantity: str = 'turn_per_step', value: float = 1.3, where: str = '', *, limit: float = 1.0, required: bool = False) -> Finding:
+def finding(
+    quantity: str = 'turn_per_step', value: float = 1.3, where: str = '', *, limit: float = 1.0, required: bool = False
+) -> Finding:
     text = f'A body turns too far in a step ({quantity} {value:.3g} rad, limit {limit:g} rad). Reduce integrator.h'
-    return Finding(quantity=quantity, value=value, limit=limit, unit='rad', time=0.0, where=where, required=required, text=text)
+    return Finding(
+        quantity=quantity, value=value, limit=limit, unit='rad', time=0.0, where=where, required=required, text=text
+    )
 
 
 def run(scene: Scene) -> Simulation:
@@ -109,13 +113,18 @@ def test_places_and_sides_count() -> None:
 
 def test_both_ends_of_a_range_are_certified_each_by_itself() -> None:
     left, right = finding('envelope', 10.0, 'slip', limit=9.0), finding('envelope', -9.5, 'slip', limit=-9.0)
-    assert [one.value for one in certified_of([left, right, finding('envelope', 9.5, 'slip', limit=9.0)])] == [10.0, -9.5]
+    assert [one.value for one in certified_of([left, right, finding('envelope', 9.5, 'slip', limit=9.0)])] == [
+        10.0,
+        -9.5,
+    ]
     (certified,) = certified_of([left])
     assert covers(certified, left)
     assert not covers(certified, right)
 
 
-@pytest.mark.parametrize('quantity', ['energy_error_max', 'residual_max', 'unsettled', 'position_drift_max', 'branch_switches', 'input'])
+@pytest.mark.parametrize(
+    'quantity', ['energy_error_max', 'residual_max', 'unsettled', 'position_drift_max', 'branch_switches', 'input']
+)
 def test_what_is_broken_is_never_covered_and_forbids_a_setting(quantity: str) -> None:
     assert certified_of([finding(quantity)]) == ()
     assert is_broken(finding(quantity))
@@ -127,7 +136,16 @@ def test_what_is_broken_is_never_covered_and_forbids_a_setting(quantity: str) ->
 def test_what_is_covered_is_told_with_its_numbers_and_without_a_remedy() -> None:
     one = finding(value=1.3)
     told = {'findings': [], 'explaining': [], 'error_text': ''}
-    data = {'status': 'ok', 'rejected': 0, 'out': None, **told, 'accuracy': {'required': ['yaw_rate'], 'certificate': 'abc'}}
+    data = {
+        'status': 'ok',
+        'rejected': 0,
+        'out': None,
+        **told,
+        'accuracy': {'required': ['yaw_rate'], 'certificate': 'abc'},
+    }
     (note,) = [line for line in describe(data, 'as placed', [asdict(one)]).splitlines() if line.startswith('note')]
-    said = 'A body turns too far in a step (turn_per_step 1.3 rad, limit 1 rad): covered by the certificate, whose plan has measured'
+    said = (
+        'A body turns too far in a step (turn_per_step 1.3 rad, limit 1 rad): covered by the certificate, whose '
+        'plan has measured'
+    )
     assert note.removeprefix('note').strip() == f'{said} the effect on yaw_rate'

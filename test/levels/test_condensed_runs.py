@@ -29,7 +29,8 @@ ROAD = RoadSpec(
     grids=(
         HeightGrid(
             origin=(5.0, -5.0), step=(0.05, 10.0),
-            height=tuple((AMPLITUDE * min(k / 100.0, 1.0) * math.sin(2.0 * math.pi * 0.05 * k / WAVE),) * 2 for k in range(1600)),
+            height=tuple((AMPLITUDE * min(k / 100.0, 1.0) * math.sin(2.0 * math.pi * 0.05 * k / WAVE),
+            ) * 2 for k in range(1600)),
         ),
     )
 )  # fmt: skip
@@ -51,7 +52,9 @@ MANEUVERS = {
 def scene(car: str, maneuver: str) -> Scene:
     speed, keys, duration = MANEUVERS[maneuver]
     start = f'start: {{kind: equilibrium, speed_kmh: {speed}}}'
-    text = f'vehicle: {car}\n{start}\nmaneuver: {keys}\nduration: {duration}\nintegrator: {{h: 2.0e-3, iterations: 2}}\n'
+    text = (
+        f'vehicle: {car}\n{start}\nmaneuver: {keys}\nduration: {duration}\nintegrator: {{h: 2.0e-3, iterations: 2}}\n'
+    )
     given = load_scene_text(text, maneuver)
     if maneuver != 'road of 2 m':
         return given
@@ -79,7 +82,10 @@ USUAL = {(CARS[0], maneuver) for maneuver in MANEUVERS} | {(SECOND_CAR, 'sine wi
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('car', 'maneuver'),
-    [pytest.param(*case, marks=() if case in USUAL else pytest.mark.long) for case in itertools.product(CARS, MANEUVERS)],
+    [
+        pytest.param(*case, marks=() if case in USUAL else pytest.mark.long)
+        for case in itertools.product(CARS, MANEUVERS)
+    ],
 )
 def test_it_moves_like_the_whole_car(car: str, maneuver: str) -> None:
     """Within half a percent of the peak, root mean square; what hardly moves in a maneuver is not compared."""
@@ -100,7 +106,8 @@ def test_it_moves_like_the_whole_car(car: str, maneuver: str) -> None:
 
 @pytest.mark.slow
 def test_energy_and_momentum_close() -> None:
-    """As well as those of the whole car, to the error of the trapezoidal rule with which impulses and works are added up."""
+    """As well as those of the whole car, to the error of the trapezoidal rule with which impulses and works are added
+    up."""
     reports = []
     for level in ('full', 'condensed'):
         simulation = solver.simulation_of(dataclasses.replace(scene(CARS[0], 'sine with dwell'), fidelity=level))
@@ -120,7 +127,8 @@ def test_energy_and_momentum_close() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize('car', CARS)
 def test_static_loads_kinematics_and_compliance_are_those_of_the_whole_car(car: str) -> None:
-    """Figures within 1 %; what is small by design (toe by bump, steer by load) within 1 % of what a passenger car has at most."""
+    """Figures within 1 %; what is small by design (toe by bump, steer by load) within 1 % of what a passenger car has
+    at most."""
     model = load_scene_text(f'vehicle: {car}').model
     figures = [kinematic_figures(Rig(m)) for m in (model, condensed(model)[0])]
     small = {'bump_toe': 0.1, 'roll_center': 0.15, 'lateral_steer': 4e-6, 'aligning_steer': 5e-5}
@@ -136,21 +144,24 @@ def test_static_loads_kinematics_and_compliance_are_those_of_the_whole_car(car: 
 @pytest.mark.slow
 @pytest.mark.parametrize('car', CARS)
 def test_its_understeer_is_that_of_the_whole_car(car: str) -> None:
-    """Within 1 %, by a slow ramp of the steering wheel; its modes are not asked for, and a linear model of bodies alone is refused."""
+    """Within 1 %, by a slow ramp of the steering wheel; its modes are not asked for, and a linear model of bodies alone
+    is refused."""
     model = load_scene_text(f'vehicle: {car}').model
     less = condensed(model)[0]
     found = [steady_figures(spec, 14.7) for spec in (model, less)]
     for name, value in found[0].items():
         assert found[1][name] == pytest.approx(value, rel=0.01), name
-    stand = solver.simulation_of(load_scene_text(f'vehicle: {car}\nstart: {{kind: equilibrium}}\nfidelity: condensed\n'))
+    stand = solver.simulation_of(
+        load_scene_text(f'vehicle: {car}\nstart: {{kind: equilibrium}}\nfidelity: condensed\n')
+    )
     with pytest.raises(SpecError, match='fidelity: full for modes'):
         modes(stand)
 
 
 @pytest.mark.slow
 def test_a_step_does_less_than_half_of_the_work_of_the_whole_car() -> None:
-    """No more evaluations and factorizations, and of each less than half of the operations on blocks, of the gradients, of the bodies. What
-    it costs is measured by `mbd bench --cases car_levels`."""
+    """No more evaluations and factorizations, and of each less than half of the operations on blocks, of the gradients,
+    of the bodies. What it costs is measured by `mbd bench --cases car_levels`."""
     steps, counted = [], []
     for level in ('full', 'condensed'):
         s = solver.simulation_of(load_scene('car_step_steer', [f'fidelity={level}']))

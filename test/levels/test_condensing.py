@@ -1,4 +1,5 @@
-"""The rules of the level `condensed`: what they keep exactly, whatever the vehicle, and what each makes of the parts it finds."""
+"""The rules of the level `condensed`: what they keep exactly, whatever the vehicle, and what each makes of the parts it
+finds."""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ def pair(request: pytest.FixtureRequest) -> tuple[ModelSpec, ModelSpec]:
 
 
 def test_mass_first_moment_and_inertia_are_kept(pair: tuple[ModelSpec, ModelSpec]) -> None:
-    """Mass and centre of mass to rounding; inertia but for what shafts lose that are not parallel to what they turn with: 1e-6."""
+    """Mass and centre of mass to rounding; inertia but for what shafts lose that are not parallel to what they turn
+    with: 1e-6."""
     before, after = (mass_figures(model) for model in pair)
     for name in ('mass', 'com_x', 'com_y', 'com_z', 'wheelbase', 'track_front', 'track_rear', 'front_share'):
         assert after[name] == pytest.approx(before[name], rel=1e-12, abs=1e-12), name
@@ -52,10 +54,19 @@ def test_mass_first_moment_and_inertia_are_kept(pair: tuple[ModelSpec, ModelSpec
 def test_wheels_steering_and_travels_are_published_as_by_the_vehicle(pair: tuple[ModelSpec, ModelSpec]) -> None:
     full, less = (set(channels(model)) for model in pair)
     corners = [f'{axle}_{side}' for axle in ('front', 'rear') for side in ('left', 'right')]
-    wanted = {f'{what}{corner}' for what in ('joint wheel_', 'joint travel_', 'wheel ', 'element brake_') for corner in corners}
+    wanted = {
+        f'{what}{corner}'
+        for what in ('joint wheel_', 'joint travel_', 'wheel ', 'element brake_')
+        for corner in corners
+    }
     assert wanted | {'joint rack', 'joint steering_wheel', 'body chassis'} <= less
     if 'element rack_and_pinion' in full:
-        assert {'element damper_front_left', 'element damper_rear_right', 'element rack_and_pinion', 'element anti_roll_bar_front'} <= less
+        assert {
+            'element damper_front_left',
+            'element damper_rear_right',
+            'element rack_and_pinion',
+            'element anti_roll_bar_front',
+        } <= less
 
 
 def test_it_compiles_to_fewer_of_everything_and_twice_to_the_same(pair: tuple[ModelSpec, ModelSpec]) -> None:
@@ -88,11 +99,13 @@ def test_what_is_lost_is_named() -> None:
 
 
 def test_a_bar_without_stiffness_is_slack_and_one_with_little_nearly_so() -> None:
-    """A spring of no rate in series with the bending of the bar has no rate; one of 1e-3 N m/rad keeps it to the softness of the rest."""
+    """A spring of no rate in series with the bending of the bar has no rate; one of 1e-3 N m/rad keeps it to the
+    softness of the rest."""
     rates = []
     for stiffness in ('0', '1e-3'):
         scene = load_scene(
-            'car_step_steer', ['vehicle=vehicles/compact_fwd.yaml', f'vehicle.axles.front.anti_roll_bar.stiffness={stiffness}']
+            'car_step_steer',
+            ['vehicle=vehicles/compact_fwd.yaml', f'vehicle.axles.front.anti_roll_bar.stiffness={stiffness}'],
         )
         (bar,) = (force for force in condensed(scene.model)[0].coordinate_forces if force.name == 'anti_roll_bar_front')
         assert bar.spring is not None
@@ -108,7 +121,10 @@ def test_a_rigid_and_a_stiff_mounting_are_merged_and_a_soft_one_is_not() -> None
         RigidBodySpec(name='part', mass=10.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0), position=(1.0, 0.0, 0.0)),
     )
     mount = BushingSpec(
-        name='mount', i=Marker(body='base', position=(1.0, 0.0, 0.0)), j=Marker(body='part'), stiffness=(4e6, 5e6, 6e6, 9e5, 9e5, 9e5)
+        name='mount',
+        i=Marker(body='base', position=(1.0, 0.0, 0.0)),
+        j=Marker(body='part'),
+        stiffness=(4e6, 5e6, 6e6, 9e5, 9e5, 9e5),
     )
     model = ModelSpec(bodies=bodies, bushings=(mount,), chassis='base')
     assert slowest(Draft(model), 'part', ['mount']) == pytest.approx(math.sqrt(4e5) / (2.0 * math.pi), rel=1e-9)
@@ -120,18 +136,23 @@ def test_a_rigid_and_a_stiff_mounting_are_merged_and_a_soft_one_is_not() -> None
         (10.0, 0.0, {'stiffness': (4e6, 5e6, 6e6, 9e5, 9e5, 0.0)}, 0.0),
     ):
         part = dataclasses.replace(bodies[1], mass=mass, inertia=(inertia, inertia, inertia, 0.0, 0.0, 0.0))
-        draft = Draft(ModelSpec(bodies=(bodies[0], part), bushings=(dataclasses.replace(mount, **free),), chassis='base'))
+        draft = Draft(
+            ModelSpec(bodies=(bodies[0], part), bushings=(dataclasses.replace(mount, **free),), chassis='base')
+        )
         assert 2.0 * math.pi * slowest(draft, 'part', ['mount']) == pytest.approx(wanted, rel=1e-9, abs=1e-4)
     for threshold, left in ((100.0, 1), (101.0, 2)):
         draft = Draft(model)
         merge_stiff(draft, threshold)
         assert len(draft.bodies) == left
-    ideal = ModelSpec(bodies=bodies, joints=(JointSpec(name='weld', kind='fixed', i=mount.i, j=mount.j),), chassis='base')
+    ideal = ModelSpec(
+        bodies=bodies, joints=(JointSpec(name='weld', kind='fixed', i=mount.i, j=mount.j),), chassis='base'
+    )
     merged, _ = condensed(ideal)
     (body,) = merged.bodies
     assert body.mass == 1010.0
     assert body.com[0] == pytest.approx(10.0 / 1010.0)
-    assert body.inertia[1] == pytest.approx(200.0 + 1.0 + 10.0 * 1000.0 / 1010.0)  # reduced mass times the square of the distance
+    # reduced mass times the square of the distance
+    assert body.inertia[1] == pytest.approx(200.0 + 1.0 + 10.0 * 1000.0 / 1010.0)
 
 
 def test_equal_mounts_are_one_at_their_centre() -> None:
@@ -144,7 +165,8 @@ def test_equal_mounts_are_one_at_their_centre() -> None:
     mounts = tuple(
         BushingSpec(
             name=side, i=Marker(body='base', position=(0.0, y, 0.1)), j=Marker(body='engine', position=(0.0, y, 0.1)),
-            stiffness=(1e5,) * 3 + (50.0,) * 3, damping=(100.0,) * 3 + (1.0,) * 3, laws=(None, None, law, None, None, None),
+            stiffness=(1e5,) * 3 + (50.0,) * 3, damping=(100.0,) * 3 + (1.0,) * 3,
+            laws=(None, None, law, None, None, None),
         )
         for side, y in (('left', 0.4), ('right', -0.2))
     )  # fmt: skip
@@ -170,8 +192,8 @@ def test_laws_in_series_add_extensions_under_a_common_force() -> None:
 
 
 def test_two_universal_joints_lead_and_lag_as_their_closed_form() -> None:
-    """With angles b, c of the shaft to wheel and pinion, pins normal to the planes of the joints: tan(pinion) = cos(b)/cos(c) tan(wheel),
-    which is x + q sin 2x + q^2/2 sin 4x + ... with q = (r - 1)/(r + 1), r = cos(b)/cos(c)."""
+    """With angles b, c of the shaft to wheel and pinion, pins normal to the planes of the joints: tan(pinion) =
+    cos(b)/cos(c) tan(wheel), which is x + q sin 2x + q^2/2 sin 4x + ... with q = (r - 1)/(r + 1), r = cos(b)/cos(c)."""
     draft = Draft(vehicle('wishbone_car'))
     (column,) = _all_columns(draft)
     shaft = draft.placed(column.upper.i).p - draft.placed(column.lower.i).p
@@ -188,7 +210,9 @@ def test_a_steering_column_that_no_rule_reduces_stays_whole() -> None:
     full = vehicle('wishbone_car')
     forces = tuple(f.replace(preload=1.0) if f.name == 'rack_and_pinion' else f for f in full.coordinate_forces)
     less, _ = condensed(dataclasses.replace(full, coordinate_forces=forces))
-    assert {'steering_joint_lower', 'steering_slide', 'steering_joint_upper', 'steering_pinion'} <= {joint.name for joint in less.joints}
+    assert {'steering_joint_lower', 'steering_slide', 'steering_joint_upper', 'steering_pinion'} <= {
+        joint.name for joint in less.joints
+    }
     assert {'steering_shaft_lower', 'steering_shaft_upper', 'steering_pinion'} <= {body.name for body in less.bodies}
 
 
@@ -204,12 +228,16 @@ def test_it_needs_no_names_of_templates() -> None:
     names = {body.name: f'b{k}' for k, body in enumerate(full.bodies)}
     sections = {
         section: tuple(
-            spec.replace(**{f.name: renamed(getattr(spec, f.name), names) for f in dataclasses.fields(spec) if f.name != 'name'})
+            spec.replace(
+                **{f.name: renamed(getattr(spec, f.name), names) for f in dataclasses.fields(spec) if f.name != 'name'}
+            )
             for spec in specs
         )
         for section, specs in full.sections().items()
     }
     sections['bodies'] = tuple(body.replace(name=names[body.name]) for body in full.bodies)
     other = dataclasses.replace(full, **sections, chassis=names[str(full.chassis)])
-    counts = [{section: len(specs) for section, specs in condensed(model)[0].sections().items()} for model in (full, other)]
+    counts = [
+        {section: len(specs) for section, specs in condensed(model)[0].sections().items()} for model in (full, other)
+    ]
     assert counts[0] == counts[1]

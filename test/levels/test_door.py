@@ -1,4 +1,5 @@
-"""The one door to levels and switches: what a scene may ask for, and that nothing simulates another model than is asked for."""
+"""The one door to levels and switches: what a scene may ask for, and that nothing simulates another model than is asked
+for."""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ def test_what_is_no_level_and_no_switch_is_refused_with_its_place(setting: str, 
 
 
 @pytest.mark.parametrize(
-    ('setting', 'key'), [('fidelity=condensed', 'fidelity'), ('switches.drag=off', 'switches'), ('fidelity=auto', 'fidelity')]
+    ('setting', 'key'),
+    [('fidelity=condensed', 'fidelity'), ('switches.drag=off', 'switches'), ('fidelity=auto', 'fidelity')],
 )
 def test_a_mechanism_has_no_levels(setting: str, key: str) -> None:
     with pytest.raises(SceneError, match='only a vehicle has') as refused:
@@ -93,7 +95,13 @@ def test_channels_name_what_a_model_publishes() -> None:
     model = load_scene('light_car_straight').model
     found = channels(model)
     assert len(set(found)) == len(found)
-    assert {'joint travel_front_left', 'joint rack', 'body chassis', 'wheel rear_right', 'element brake_front_left'} <= set(found)
+    assert {
+        'joint travel_front_left',
+        'joint rack',
+        'body chassis',
+        'wheel rear_right',
+        'element brake_front_left',
+    } <= set(found)
     less = dataclasses.replace(model, aero_drags=())
     assert set(found) - set(channels(less)) == {f'element {spec.name}' for spec in model.aero_drags}
 
@@ -105,12 +113,13 @@ def test_channels_name_what_a_model_publishes() -> None:
         ('switches.engine_mounts=off', True),
         ('fidelity=condensed', True),
         pytest.param('fidelity=kc', True, marks=pytest.mark.slow),
-        pytest.param('fidelity=single_track', False, marks=pytest.mark.slow),  # at the centre of mass of the chassis alone
+        # at the centre of mass of the chassis alone
+        pytest.param('fidelity=single_track', False, marks=pytest.mark.slow),
     ],
 )
 def test_an_imu_that_stands_elsewhere_is_told(setting: str, said: bool) -> None:
-    """Accelerations are those of the centre of mass of the chassis, which moves by what becomes a part of it, the engine above all: its
-    215 kg stand 1.3 m ahead of it."""
+    """Accelerations are those of the centre of mass of the chassis, which moves by what becomes a part of it, the
+    engine above all: its 215 kg stand 1.3 m ahead of it."""
     scene = load_scene('car_step_steer', [setting])
     derived = derive(scene)
     one, other = (next(b for b in model.bodies if b.name == 'chassis') for model in (scene.model, derived.scene.model))
@@ -121,4 +130,7 @@ def test_an_imu_that_stands_elsewhere_is_told(setting: str, said: bool) -> None:
 
 
 def test_a_limit_reads_as_a_sentence() -> None:
-    assert str(Limit(quantity='frequency', unit='Hz', high=15.0, why='links have no mass')) == 'frequency <= 15 Hz: links have no mass'
+    assert (
+        str(Limit(quantity='frequency', unit='Hz', high=15.0, why='links have no mass'))
+        == 'frequency <= 15 Hz: links have no mass'
+    )

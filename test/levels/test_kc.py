@@ -53,12 +53,27 @@ def levels(name: str) -> tuple[Scene, Scene]:
 
 @pytest.mark.parametrize('name', [*CARS, ASSISTED, LIVE])
 def test_mass_and_inertia_are_those_of_the_vehicle(name):
-    """In the design position, to rounding; the mass that moves with a wheel is what a wheel hop needs, so it may not be the wheel's."""
+    """In the design position, to rounding; the mass that moves with a wheel is what a wheel hop needs, so it may not be
+    the wheel's."""
     full, kc = levels(name)
     was, now = mass_figures(full.model), mass_figures(kc.model)
-    for figure in ('mass', 'com_x', 'com_y', 'com_z', 'roll_inertia', 'pitch_inertia', 'yaw_inertia', 'wheelbase', 'track_front'):
+    for figure in (
+        'mass',
+        'com_x',
+        'com_y',
+        'com_z',
+        'roll_inertia',
+        'pitch_inertia',
+        'yaw_inertia',
+        'wheelbase',
+        'track_front',
+    ):
         assert now[figure] == pytest.approx(was[figure], rel=1e-9, abs=1e-9), figure
-    assert len(kc.model.bodies) == 6 + len(full.model.servos) + (name == LIVE) and not kc.model.bushings and not kc.model.spring_dampers
+    assert (
+        len(kc.model.bodies) == 6 + len(full.model.servos) + (name == LIVE)
+        and not kc.model.bushings
+        and not kc.model.spring_dampers
+    )
 
 
 @functools.cache
@@ -76,7 +91,8 @@ def near(found, wanted, *, share=0.01, key=''):
 
 @pytest.mark.parametrize('name', CARS)
 def test_curves_of_kinematics_are_those_of_the_vehicle(name):
-    """Toe, camber, wheel centre and load over parallel and opposite travel, and over steering, within 1 % of their range."""
+    """Toe, camber, wheel centre and load over parallel and opposite travel, and over steering, within 1 % of their
+    range."""
     full, kc = rigs(name)
     z = np.linspace(-0.06, 0.06, 7)
     for opposite in (False, True):
@@ -92,8 +108,9 @@ def test_curves_of_kinematics_are_those_of_the_vehicle(name):
 
 @pytest.mark.parametrize('name', [*CARS, ASSISTED, TWISTED, LIVE])
 def test_figures_of_the_bench_are_those_of_the_vehicle(name):
-    """Wheel rates, roll stiffness, roll centres, roll steer, steering ratio and compliances within 1 %. The stops of the twist beam take
-    80 kN at the ends of the maps, which must not show at the design position; one compliance of its car is 1.3 % off with other loads."""
+    """Wheel rates, roll stiffness, roll centres, roll steer, steering ratio and compliances within 1 %. The stops of
+    the twist beam take 80 kN at the ends of the maps, which must not show at the design position; one compliance of its
+    car is 1.3 % off with other loads."""
     full, kc = rigs(name)
     wanted, found = kinematic_figures(full), kinematic_figures(kc)
     for figure in wanted:
@@ -112,16 +129,28 @@ def test_gradients_of_understeer_and_roll_are_those_of_the_vehicle(name):
         assert found[figure] == pytest.approx(wanted[figure], rel=0.01), figure
 
 
-def simulated(scene: Scene, maneuver: Maneuver, speed: float, duration: float, road: RoadSpec | None = None) -> np.ndarray:
-    """(n, 7) every 10 ms: yaw rate, sideslip velocity, roll, loads of the wheels. A step of 2 ms costs both levels the same."""
+def simulated(
+    scene: Scene, maneuver: Maneuver, speed: float, duration: float, road: RoadSpec | None = None
+) -> np.ndarray:
+    """(n, 7) every 10 ms: yaw rate, sideslip velocity, roll, loads of the wheels. A step of 2 ms costs both levels the
+    same."""
     model = scene.model if road is None else dataclasses.replace(scene.model, road=road)
     start, settings = StartSettings(kind='equilibrium', speed=speed), IntegratorSettings(h=2e-3, iterations=2)
-    s = Simulation(dataclasses.replace(scene, model=model, maneuver=maneuver, start=start, integrator=settings, duration=duration))
+    s = Simulation(
+        dataclasses.replace(scene, model=model, maneuver=maneuver, start=start, integrator=settings, duration=duration)
+    )
     rows, chassis = [], s.channels.chassis
     for _ in range(round(duration * 100)):
         q = s.advance(5)
         x, y, z, w = q.pose[chassis, 3:]
-        rows.append([q.twist[chassis, 5], q.twist[chassis, 1], np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), *q.tire[:, 2]])
+        rows.append(
+            [
+                q.twist[chassis, 5],
+                q.twist[chassis, 1],
+                np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+                *q.tire[:, 2],
+            ]
+        )
     totals = s.totals()
     assert totals['energy_error_max'] < 0.01 * 1576 * 20**2
     return np.array(rows)
@@ -129,10 +158,17 @@ def simulated(scene: Scene, maneuver: Maneuver, speed: float, duration: float, r
 
 DWELL = 'sine with dwell, three times 0.3 g'
 MANEUVERS = {
-    'step steer, 0.4 g': (Maneuver(steering=Step(value=0.484, start=1.0, rise=0.15), drive_torque=150.0), 80 / 3.6, 4.0),
+    'step steer, 0.4 g': (
+        Maneuver(steering=Step(value=0.484, start=1.0, rise=0.15), drive_torque=150.0),
+        80 / 3.6,
+        4.0,
+    ),
     DWELL: (Maneuver(steering=SineWithDwell(amplitude=1.09, start=1.0)), 80 / 3.6, 5.0),
     'swept sine, 0.3 g': (
-        Maneuver(steering=Sweep(amplitude=0.363, frequency=0.2, final_frequency=2.0, duration=8.0, start=1.0), drive_torque=150.0),
+        Maneuver(
+            steering=Sweep(amplitude=0.363, frequency=0.2, final_frequency=2.0, duration=8.0, start=1.0),
+            drive_torque=150.0,
+        ),
         80 / 3.6,
         9.0,
     ),
@@ -140,7 +176,8 @@ MANEUVERS = {
 }
 
 
-USUAL = {*product(MANEUVERS, CARS[:1]), *product([DWELL], [*CARS, TWISTED, LIVE])}  # every maneuver, and every car in the hardest of them
+# every maneuver, and every car in the hardest of them
+USUAL = {*product(MANEUVERS, CARS[:1]), *product([DWELL], [*CARS, TWISTED, LIVE])}
 
 
 @pytest.mark.slow
@@ -152,7 +189,8 @@ USUAL = {*product(MANEUVERS, CARS[:1]), *product([DWELL], [*CARS, TWISTED, LIVE]
     ],
 )
 def test_motion_is_within_two_percent(maneuver, name):
-    """Root mean square of yaw rate, sideslip velocity, roll and wheel loads, of their peaks; lateral motion only where there is some."""
+    """Root mean square of yaw rate, sideslip velocity, roll and wheel loads, of their peaks; lateral motion only where
+    there is some."""
     wanted, found = (simulated(scene, *MANEUVERS[maneuver]) for scene in levels(name))
     rms, peak = np.sqrt(np.mean((found - wanted) ** 2, axis=0)), np.abs(wanted).max(axis=0)
     quantities = slice(3, None) if 'braking' in maneuver else slice(None)
@@ -160,13 +198,17 @@ def test_motion_is_within_two_percent(maneuver, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('car', 'angle', 'share'), [('compact_fwd', 0.4, 0.05), ('electric_4wd', 0.47, 0.02), ('full_car', 0.47, 0.02)])
+@pytest.mark.parametrize(
+    ('car', 'angle', 'share'), [('compact_fwd', 0.4, 0.05), ('electric_4wd', 0.47, 0.02), ('full_car', 0.47, 0.02)]
+)
 def test_the_hand_holds_what_the_motor_leaves_it(car, angle, share):
     """A step steer to 0.29 g: the torque at the steering wheel over time."""
     torques = []
     for fidelity in ('full', 'kc'):
         steering = f'maneuver.steering={{kind: step, value: {angle}, start: 0.3, rise: 0.15}}'
-        s = solver.simulation_of(solver.load_scene('car_step_steer', [f'vehicle=vehicles/{car}.yaml', f'fidelity={fidelity}', steering]))
+        s = solver.simulation_of(
+            solver.load_scene('car_step_steer', [f'vehicle=vehicles/{car}.yaml', f'fidelity={fidelity}', steering])
+        )
         hand = s.channels.joints.index('steering_wheel')
         torques.append([s.advance(20).joint_effort[hand] for _ in range(150)])
         shot = s.snapshot()
@@ -177,8 +219,8 @@ def test_the_hand_holds_what_the_motor_leaves_it(car, angle, share):
 
 
 def test_the_hand_feels_the_weight_that_steering_lifts_in_a_car_without_a_motor():
-    """Turned by 2 rad at 4 m/s: the torque at the steering wheel within 3 %, the loads of the wheels within 3 N. Without what the springs
-    hold against the steering the torque was 28 % off, and the loads 5 N."""
+    """Turned by 2 rad at 4 m/s: the torque at the steering wheel within 3 %, the loads of the wheels within 3 N.
+    Without what the springs hold against the steering the torque was 28 % off, and the loads 5 N."""
     shots = []
     for fidelity in ('full', 'kc'):
         steering = 'maneuver.steering={kind: step, value: 2, start: 0.1, rise: 0.5}'
@@ -193,31 +235,44 @@ def test_the_hand_feels_the_weight_that_steering_lifts_in_a_car_without_a_motor(
 
 def test_help_behind_no_column_is_lost_and_said():
     """A gear that turns with the steering wheel itself: the compliance has the help, the hand the whole torque."""
-    scene = solver.load_scene('car_step_steer', [f'vehicle=vehicles/{ASSISTED}.yaml', 'switches.steering_column=off', 'fidelity=kc'])
+    scene = solver.load_scene(
+        'car_step_steer', [f'vehicle=vehicles/{ASSISTED}.yaml', 'switches.steering_column=off', 'fidelity=kc']
+    )
     derived = derive(scene)
     assert not derived.scene.model.servos
     assert any('motor of rack_and_pinion' in text for text in derived.report.lost)
-    assert not any('motor' in text for text in derive(dataclasses.replace(levels(ASSISTED)[0], fidelity='kc')).report.lost)
+    assert not any(
+        'motor' in text for text in derive(dataclasses.replace(levels(ASSISTED)[0], fidelity='kc')).report.lost
+    )
 
 
 def test_what_brakes_a_steering_gear_without_a_motor_is_lost_and_said():
-    """The formula student car has 250 N s/m at its rack: 0.5 N m at a steering wheel that turns by 10 rad/s, of some four."""
+    """The formula student car has 250 N s/m at its rack: 0.5 N m at a steering wheel that turns by 10 rad/s, of some
+    four."""
     text = 'steering_damper, steering_friction: the torque at the steering wheel is without'
     changes = ['vehicle=vehicles/formula_student.yaml', 'vehicle.steering.friction=50', 'fidelity=kc']
     assert text in derive(solver.load_scene('car_step_steer', changes)).report.lost
-    assert not any('steering_damper' in said for said in derive(dataclasses.replace(levels(ASSISTED)[0], fidelity='kc')).report.lost)
+    assert not any(
+        'steering_damper' in said
+        for said in derive(dataclasses.replace(levels(ASSISTED)[0], fidelity='kc')).report.lost
+    )
 
 
 def moving(name: str, h: float, **changes) -> Simulation:
     """A scene at the level kc with the step h [s]."""
     kc = levels(name)[1]
-    return Simulation(dataclasses.replace(kc, integrator=dataclasses.replace(kc.integrator, h=h, iterations=2), **changes))
+    return Simulation(
+        dataclasses.replace(kc, integrator=dataclasses.replace(kc.integrator, h=h, iterations=2), **changes)
+    )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', [pytest.param('car_swept_steer', marks=pytest.mark.long), 'light_car_swept_steer', ASSISTED, LIVE])
+@pytest.mark.parametrize(
+    'name', [pytest.param('car_swept_steer', marks=pytest.mark.long), 'light_car_swept_steer', ASSISTED, LIVE]
+)
 def test_energy_and_momentum_close_with_second_order(name):
-    """Torque rises and the car is steered: the error of the running account falls by four with half the step; so do the momenta."""
+    """Torque rises and the car is steered: the error of the running account falls by four with half the step; so do the
+    momenta."""
     errors, momenta, impulses = [], [], []
     for h in (2e-3, 1e-3):
         s = moving(name, h)
@@ -237,7 +292,8 @@ def test_energy_and_momentum_close_with_second_order(name):
 
 @pytest.mark.parametrize('name', CARS)
 def test_brakes_to_rest_on_a_slope_and_stays(name):
-    """On a grade of 10 % under 3 kN m: at rest within 3 s from 10 m/s, and not a millimetre further in the second after that."""
+    """On a grade of 10 % under 3 kN m: at rest within 3 s from 10 m/s, and not a millimetre further in the second after
+    that."""
     model = dataclasses.replace(levels(name)[1].model, road=RoadSpec(normal=(-0.1, 0.03, 1.0)))
     maneuver = Maneuver(brake_torque=Step(value=3000.0, start=0.2, rise=0.2))
     s = moving(name, 2e-3, model=model, maneuver=maneuver, start=StartSettings(kind='equilibrium', speed=10.0))
@@ -257,7 +313,8 @@ def test_starts_at_rest_with_the_wheel_loads_of_the_vehicle():
 
 
 def test_a_run_that_leaves_the_level_is_told():
-    """The full car at 40 m/s on a road of friction 1.6, the steering wheel turned by 4 rad: compliance is not measured for that."""
+    """The full car at 40 m/s on a road of friction 1.6, the steering wheel turned by 4 rad: compliance is not measured
+    for that."""
     scene = solver.load_scene('car_step_steer')
     scene = dataclasses.replace(
         scene,
@@ -273,7 +330,9 @@ def test_a_run_that_leaves_the_level_is_told():
 
 
 def test_a_model_that_is_no_car_is_refused():
-    with pytest.raises(SpecError, match='a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full'):
+    with pytest.raises(
+        SpecError, match='a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full'
+    ):
         kc_model(solver.load_scene('four_bar').model)
 
 
@@ -295,8 +354,8 @@ def test_limits_follow_from_the_vehicle(car: str, limits: dict[str, float]) -> N
 
 @pytest.mark.parametrize('rate', [2e4, 1e6])
 def test_what_a_wheel_does_to_the_other_is_found_on_stiff_springs_too(rate: float) -> None:
-    """5 N of the other wheel, and 0.01 rad of its toe, for a mm of travel; the stops multiply both tenfold from 60 mm on. At 1000 N/mm only
-    the middle has a usual load."""
+    """5 N of the other wheel, and 0.01 rad of its toe, for a mm of travel; the stops multiply both tenfold from 60 mm
+    on. At 1000 N/mm only the middle has a usual load."""
     z, fine = np.linspace(-0.1, 0.1, maps.MAP_TRAVEL), np.linspace(-0.1, 0.1, maps.FORCE_TRAVEL)
 
     def beside(v: np.ndarray, slope: float) -> np.ndarray:
@@ -305,7 +364,14 @@ def test_what_a_wheel_does_to_the_other_is_found_on_stiff_springs_too(rate: floa
     def stand(own: str, v: float) -> maps.Stand:
         other = 'right' if own == 'left' else 'left'
         x = {own: np.zeros(5), other: np.array([0.0, 0.0, beside(v, 10.0), 0.0, 0.0])}
-        return maps.Stand(np.zeros((1, 7)), x, {own: 4e3 + beside(v, rate), other: 4e3 + beside(v, 5e3)}, np.zeros(1), np.zeros(1), 0.0)
+        return maps.Stand(
+            np.zeros((1, 7)),
+            x,
+            {own: 4e3 + beside(v, rate), other: 4e3 + beside(v, 5e3)},
+            np.zeros(1),
+            np.zeros(1),
+            0.0,
+        )
 
     alone = {side: [stand(side, float(v)) for v in fine] for side in ('left', 'right')}
     grid, against = np.zeros((2, len(z), 3, 5)), np.zeros((2, len(z), 5))
@@ -336,7 +402,9 @@ def test_a_force_on_a_body_that_the_level_does_not_have_is_refused_with_that_bod
     """Not with the first of its markers, which may be on the chassis or on the world."""
     spec = dataclasses.replace(solver.load_scene('light_car_step_steer').model, **added)
     of_level = SimpleNamespace(spec=spec, chassis=next(body for body in spec.bodies if body.name == 'chassis'))
-    with pytest.raises(SpecError, match=r"'extra'?: acts on 'knuckle_front_left', which this level does not have; use full"):
+    with pytest.raises(
+        SpecError, match=r"'extra'?: acts on 'knuckle_front_left', which this level does not have; use full"
+    ):
         kc._Reduction._others(of_level)
 
 
@@ -347,13 +415,15 @@ def test_a_second_damper_of_a_wheel_is_refused() -> None:
     own = next(e for e in scene.model.spring_dampers if e.damper is not None)
     half = own.replace(name='second', spring=None, damper=own.damper)
     model = dataclasses.replace(scene.model, spring_dampers=(*scene.model.spring_dampers, half))
-    with pytest.raises(SpecError, match=r'2 dampers move with one wheel, .*a further one moves by 100 % of the first\); use full'):
+    with pytest.raises(
+        SpecError, match=r'2 dampers move with one wheel, .*a further one moves by 100 % of the first\); use full'
+    ):
         kc_model(model)
 
 
 def test_the_bench_comes_back_from_far_travel_on_soft_rubber():
-    """Rear arms that give way by 3 mm per kN along: at once from bump to rest, a search from there ended 34 mm away, in an axle snapped
-    over. Bench to bench it is the same equilibrium, to its tolerance."""
+    """Rear arms that give way by 3 mm per kN along: at once from bump to rest, a search from there ended 34 mm away, in
+    an axle snapped over. Bench to bench it is the same equilibrium, to its tolerance."""
     soft = ['vehicle.rear.lower_arm.bushing.stiffness=[5e6, 5e6, 0.22e6, 150, 150, 60]']
     soft.append('vehicle.rear.lower_arm.pivots=[[-1.22, 0.34, 0.208], [-1.46, 0.34, 0.208]]')
     rig = Rig(solver.load_scene('car_step_steer', soft).model, at_center=True)
@@ -371,7 +441,10 @@ def test_a_bench_that_does_not_come_back_is_refused():
     places = [dict.fromkeys(CORNERS, np.zeros(5)), dict.fromkeys(CORNERS, np.full(5, 1e-3))]
     rest, other = (SimpleNamespace(x=x) for x in places)
     require_return(SimpleNamespace(stand=lambda: rest, size=Size()), rest)
-    with pytest.raises(ConsistencyError, match='another equilibrium of the vehicle after its travels than before; use condensed or full'):
+    with pytest.raises(
+        ConsistencyError,
+        match='another equilibrium of the vehicle after its travels than before; use condensed or full',
+    ):
         require_return(SimpleNamespace(stand=lambda: other, size=Size()), rest)
 
 

@@ -1,4 +1,5 @@
-"""Drive torque at the level kc where it acts between wheels and what carries them: motors in the hubs, the differential of a live axle."""
+"""Drive torque at the level kc where it acts between wheels and what carries them: motors in the hubs, the differential
+of a live axle."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ def scene(*changes: str, vehicle: str, drive: float) -> Scene:
 
 
 def test_guides_carry_what_acts_on_carriers() -> None:
-    """Motors in the hubs and the differential of a live axle do; half shafts from the chassis do not, nor do those behind a gearbox."""
+    """Motors in the hubs and the differential of a live axle do; half shafts from the chassis do not, nor do those
+    behind a gearbox."""
     hubs = kc_model(scene(*HUBS, vehicle='electric_4wd', drive=0.0).model)
     assert [len(guide.drives) for guide in hubs.guides] == [2, 2]
     assert [guide.drives for guide in kc_model(scene(vehicle='electric_4wd', drive=0.0).model).guides] == [(), ()]
@@ -40,10 +42,14 @@ def test_guides_carry_what_acts_on_carriers() -> None:
 def test_carriers_that_two_inputs_drive_are_refused() -> None:
     """A guide has one input of its drives: the second would act by the first."""
     model = scene(*HUBS, vehicle='electric_4wd', drive=0.0).model
-    forces = tuple(force.replace(input='boost') if force.name == 'motor_rear_left' else force for force in model.coordinate_forces)
+    forces = tuple(
+        force.replace(input='boost') if force.name == 'motor_rear_left' else force for force in model.coordinate_forces
+    )
     assert forces != model.coordinate_forces
     boosted = dataclasses.replace(model, coordinate_forces=forces, inputs=(*model.inputs, 'boost'))
-    with pytest.raises(SpecError, match='wheels of the rear axle are driven from their carriers by several inputs; use full'):
+    with pytest.raises(
+        SpecError, match='wheels of the rear axle are driven from their carriers by several inputs; use full'
+    ):
         kc_model(boosted)
 
 
@@ -64,9 +70,12 @@ def test_what_a_pinion_does_to_the_housing_of_a_live_axle_behind_a_gearbox_is_sa
 
 @pytest.mark.parametrize('level', ['condensed', 'kc'])
 def test_what_half_shafts_at_an_angle_do_to_the_steering_is_said(level: str) -> None:
-    """Of those in front alone: in a bend at 3 m/s^2 of drive 0.7 of the 4.8 N m at the steering wheel of the compact."""
+    """Of those in front alone: in a bend at 3 m/s^2 of drive 0.7 of the 4.8 N m at the steering wheel of the
+    compact."""
     said = {
-        vehicle: any(text.startswith('what the drive torque turns steered wheels by') for text in derive(given).report.lost)
+        vehicle: any(
+            text.startswith('what the drive torque turns steered wheels by') for text in derive(given).report.lost
+        )
         for vehicle in ('compact_fwd', 'full_car', 'light_car')
         if (given := scene(f'fidelity={level}', vehicle=vehicle, drive=0.0))
     }
@@ -74,15 +83,25 @@ def test_what_half_shafts_at_an_angle_do_to_the_steering_is_said(level: str) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('vehicle', 'changes', 'wheel'), [('light_car', (), 'wheel_front_left'), ('electric_4wd', HUBS, None)])
-def test_efforts_of_driven_wheels_are_those_of_the_whole_vehicle_or_told(vehicle: str, changes: tuple[str, ...], wheel: str | None) -> None:
-    """Half of 600 N m at a front wheel that shafts drive, 0 in the whole vehicle; as there where motors in the hubs do."""
+@pytest.mark.parametrize(
+    ('vehicle', 'changes', 'wheel'), [('light_car', (), 'wheel_front_left'), ('electric_4wd', HUBS, None)]
+)
+def test_efforts_of_driven_wheels_are_those_of_the_whole_vehicle_or_told(
+    vehicle: str, changes: tuple[str, ...], wheel: str | None
+) -> None:
+    """Half of 600 N m at a front wheel that shafts drive, 0 in the whole vehicle; as there where motors in the hubs
+    do."""
     given = [scene(*changes, f'fidelity={level}', vehicle=vehicle, drive=600.0) for level in ('full', 'kc')]
     shown = []
     for one in given:
         simulation = simulation_of(one)
         shot = simulation.advance(round(0.6 / simulation.h))
-        shown.append({name: float(shot.joint_effort[simulation.channels.joints.index(name)]) for name in map('wheel_{}'.format, CORNERS)})
+        shown.append(
+            {
+                name: float(shot.joint_effort[simulation.channels.joints.index(name)])
+                for name in map('wheel_{}'.format, CORNERS)
+            }
+        )
     apart = {name for name, effort in shown[0].items() if abs(effort - shown[1][name]) > 1.0}
     assert (wheel in apart) == (wheel is not None)
     assert bool(apart) == any(text.startswith('efforts of shafts') for text in derive(given[1]).report.lost)
@@ -113,7 +132,9 @@ def test_it_lifts_and_squats_as_the_whole_vehicle(vehicle: str) -> None:
     def given(level: str) -> Scene:
         if vehicle == 'off_roader':
             push = {'drive_torque': {'kind': 'step', 'value': 1500.0, 'start': 0.1, 'rise': 0.3}}
-            return of_vehicle(off_roader(), fidelity=level, start={'kind': 'equilibrium', 'speed': 15.0}, maneuver=push, duration=5.0)
+            return of_vehicle(
+                off_roader(), fidelity=level, start={'kind': 'equilibrium', 'speed': 15.0}, maneuver=push, duration=5.0
+            )
         hubs = () if vehicle == 'pickup_awd' else HUBS
         return scene(f'fidelity={level}', *hubs, vehicle='electric_4wd' if hubs else vehicle, drive=1500.0)
 
@@ -125,7 +146,9 @@ def test_it_lifts_and_squats_as_the_whole_vehicle(vehicle: str) -> None:
 def test_energy_closes_with_second_order() -> None:
     errors = []
     for h in (2e-3, 1e-3):
-        simulation = simulation_of(scene('fidelity=kc', f'integrator.h={h}', *HUBS, vehicle='electric_4wd', drive=3000.0))
+        simulation = simulation_of(
+            scene('fidelity=kc', f'integrator.h={h}', *HUBS, vehicle='electric_4wd', drive=3000.0)
+        )
         simulation.advance(round(1.0 / h))
         errors.append(simulation.totals()['energy_error_max'])
     assert errors[0] / errors[1] > 3.0

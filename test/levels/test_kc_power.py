@@ -24,7 +24,8 @@ STEER = '{steering: {kind: step, value: 0.8, start: 0.2, rise: 0.15}, signals: {
 
 def scene(*changes: str, vehicle: str, speed: float, maneuver: str) -> Scene:
     text = (
-        f'vehicle: vehicles/{vehicle}.yaml\nstart: {{kind: equilibrium, speed: {speed}}}\nintegrator: {{h: 0.002}}\nmaneuver: {maneuver}\n'
+        f'vehicle: vehicles/{vehicle}.yaml\nstart: {{kind: equilibrium, speed: {speed}}}\nintegrator: {{h: '
+        f'0.002}}\nmaneuver: {maneuver}\n'
     )
     return load_scene_text(text, 'power', (POWER, *changes))
 
@@ -60,7 +61,8 @@ def test_it_drives_as_the_whole_vehicle(car: Any, changes: tuple[str, ...], spee
     """Within the two percent of the level, with the engine across and along, behind a converter, and in a bend."""
     vehicle, own = car
     runs = [
-        driven(scene(f'fidelity={level}', *own, *changes, vehicle=vehicle, speed=speed, maneuver=maneuver), 2.0) for level in ('kc', 'full')
+        driven(scene(f'fidelity={level}', *own, *changes, vehicle=vehicle, speed=speed, maneuver=maneuver), 2.0)
+        for level in ('kc', 'full')
     ]
     assert (misses(*runs)[: 3 if 'steering' in maneuver else 2] < 0.02).all()
 
@@ -69,13 +71,18 @@ def test_it_drives_as_the_whole_vehicle(car: Any, changes: tuple[str, ...], spee
 def test_a_gearbox_in_front_of_two_axles() -> None:
     """By their shares, through propeller shafts and the differentials of live axles."""
     vehicle = off_roader(power=True, shares=(0.4, 0.6))
-    given = {'maneuver': {'signals': {'gear': 2, 'accelerator': 0.5}}, 'start': {'kind': 'equilibrium', 'speed': 8.0}, 'duration': 5.0}
+    given = {
+        'maneuver': {'signals': {'gear': 2, 'accelerator': 0.5}},
+        'start': {'kind': 'equilibrium', 'speed': 8.0},
+        'duration': 5.0,
+    }
     runs = [driven(of_vehicle(vehicle, fidelity=level, **given), 2.0) for level in ('kc', 'full')]
     assert (misses(*runs)[:2] < 0.02).all()
 
 
 def test_the_gearbox_turns_the_wheels_by_the_ratios_of_the_axle() -> None:
-    """An open differential is half of each wheel, behind its final drive; the universal joints are 1e-4 off where they stand."""
+    """An open differential is half of each wheel, behind its final drive; the universal joints are 1e-4 off where they
+    stand."""
     vehicle, own = ALONG
     full = scene(*own, vehicle=vehicle, speed=0.0, maneuver='{}').model
     (clutch,) = kc_model(full).clutches

@@ -51,11 +51,15 @@ def model(car: str) -> ModelSpec:
 
 def scene(car: str, maneuver: Maneuver, *, speed: float = 22.0, duration: float = 5.0) -> Scene:
     start = StartSettings(kind='equilibrium', speed=speed)
-    return Scene(name='track', model=model(car), maneuver=maneuver, start=start, duration=duration, fidelity='single_track')
+    return Scene(
+        name='track', model=model(car), maneuver=maneuver, start=start, duration=duration, fidelity='single_track'
+    )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('car', [pytest.param(car, marks=() if car == 'light car' else pytest.mark.long) for car in CARS])
+@pytest.mark.parametrize(
+    'car', [pytest.param(car, marks=() if car == 'light car' else pytest.mark.long) for car in CARS]
+)
 def test_errors_against_the_whole_vehicle(car: str) -> None:
     """Root mean squares over the peak: yaw rate below 5 % up to 0.5 g, and with three times the reference angle."""
     sheet = {(f.maneuver, f.quantity): f for f in error_sheet(model(car), 'single_track')}
@@ -69,7 +73,8 @@ def test_errors_against_the_whole_vehicle(car: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(('name', 'torque'), [('drive_torque', 600.0), ('brake_torque', 1200.0)])
 def test_it_pitches_under_drive_and_under_brakes_by_what_the_whole_vehicle_does(name: str, torque: float) -> None:
-    """When it has settled, within 5 % of the change: suspensions lift the body by other forces where they drive than where they brake."""
+    """When it has settled, within 5 % of the change: suspensions lift the body by other forces where they drive than
+    where they brake."""
     maneuver = Maneuver(**{name: Step(value=torque, start=0.2, rise=0.3)})
     changes = []
     for level in ('single_track', 'full'):
@@ -94,26 +99,31 @@ def test_understeer_and_mass_are_those_of_the_whole_vehicle(car: str) -> None:
     assert t.front.load * t.front.x == pytest.approx(-t.rear.load * t.rear.x, rel=1e-2)  # at speed, not at rest
     assert t.front.brake + t.rear.brake == pytest.approx(1.0, abs=0.02)
     assert t.front.drive + t.rear.drive == pytest.approx(1.0, abs=0.02)
-    level, whole = (gradient(dataclasses.replace(scene(car, SLOW_RAMP), fidelity=each), t) for each in ('single_track', 'full'))
+    level, whole = (
+        gradient(dataclasses.replace(scene(car, SLOW_RAMP), fidelity=each), t) for each in ('single_track', 'full')
+    )
     assert level == pytest.approx(whole, abs=2e-4)
     assert whole > 1e-3
 
 
 @pytest.mark.slow
 def test_brakes_slow_down_what_turns_with_the_wheels_too() -> None:
-    """Four rotors of 0.02 kg m^2 that turn 9 times as fast have 6.5 kg m^2, and took 3.5 % of what the brakes of the level did."""
+    """Four rotors of 0.02 kg m^2 that turn 9 times as fast have 6.5 kg m^2, and took 3.5 % of what the brakes of the
+    level did."""
     rotors = [f'vehicle.axles.{axle}.drive.rotor={{inertia: 0.02, ratio: 9}}' for axle in ('front', 'rear')]
     electric = load_scene('car_step_steer', ['vehicle=vehicles/electric_4wd.yaml', *rotors]).model
     axles, _, _ = straight(electric, sum(b.mass for b in electric.bodies))
-    assert axles['front']['inertia'] + axles['rear']['inertia'] == pytest.approx(2.0 * (1.0 + 0.95) + 4 * 0.02 * 81, rel=0.03)
+    assert axles['front']['inertia'] + axles['rear']['inertia'] == pytest.approx(
+        2.0 * (1.0 + 0.95) + 4 * 0.02 * 81, rel=0.03
+    )
     assert axles['front']['brake'] + axles['rear']['brake'] == pytest.approx(1.0, abs=0.01)
     assert axles['front']['drive'] + axles['rear']['drive'] == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.slow
 def test_a_limiter_does_not_hide_who_drives() -> None:
-    """That of a shuttle ends at 12 m/s, far below the speed the level is identified at: it seemed to have no drive, and one at 25 m/s half
-    of it. Driven are the front wheels, by all of the torque."""
+    """That of a shuttle ends at 12 m/s, far below the speed the level is identified at: it seemed to have no drive, and
+    one at 25 m/s half of it. Driven are the front wheels, by all of the torque."""
     slow = load_scene('light_car_straight', ['vehicle.driveline.top_speed=40']).model
     axles, lengthwise, _ = straight(slow, sum(b.mass for b in slow.bodies))
     usual, others, _ = straight(model('light car'), sum(b.mass for b in slow.bodies))
@@ -124,17 +134,19 @@ def test_a_limiter_does_not_hide_who_drives() -> None:
 
 
 def test_limiters_are_those_of_each_axle() -> None:
-    """Motors of the front axle end at 90 rad/s, those of the rear one never; the outputs of a differential have its rate in the mean."""
+    """Motors of the front axle end at 90 rad/s, those of the rear one never; the outputs of a differential have its
+    rate in the mean."""
     changes = ['vehicle.axles.front.drive.top_speed=90', 'vehicle.axles.rear.drive.top_speed=null']
     electric = load_scene('car_step_steer', ['vehicle=vehicles/electric_4wd.yaml', *changes]).model
     assert (top_spin(electric, 'front'), top_spin(electric, 'rear')) == (90.0, 0.0)
-    assert (top_spin(model('light car'), 'front'), top_spin(model('light car'), 'rear')) == (230.0, 0.0)  # driven in front
+    # driven in front
+    assert (top_spin(model('light car'), 'front'), top_spin(model('light car'), 'rear')) == (230.0, 0.0)
 
 
 @pytest.mark.slow
 def test_a_rear_rack_that_follows_the_steering_wheel_is_found() -> None:
-    """Its wheels turn as on the bench, within what forces do to both; without one they do not. The gear of the front is that of the bench
-    too: with what a steering of a quarter turn does at its stops it was a fifth off."""
+    """Its wheels turn as on the bench, within what forces do to both; without one they do not. The gear of the front is
+    that of the bench too: with what a steering of a quarter turn does at its stops it was a fifth off."""
     text = {'rack': {'mass': 0.8, 'com': [-0.85, 0.0, 0.1305], 'inertia': [0.01, 0.0004, 0.01]}, 'per_turn': 0.02}
     scenes = [
         load_scene('car_step_steer', ['vehicle=vehicles/formula_student.yaml', *more])
@@ -143,7 +155,9 @@ def test_a_rear_rack_that_follows_the_steering_wheel_is_found() -> None:
     fixed, follows = (gear(scene.model) for scene in scenes)
     assert fixed[2] == 0.0
     curves = Rig(scenes[1].model).steering([-0.5, 0.5])
-    front, rear = (np.diff(sum(curves[f'{axle}_{side}']['steer'] for side in ('left', 'right')))[0] for axle in ('front', 'rear'))
+    front, rear = (
+        np.diff(sum(curves[f'{axle}_{side}']['steer'] for side in ('left', 'right')))[0] for axle in ('front', 'rear')
+    )
     assert follows[2] == pytest.approx(rear / front, rel=0.02)
     assert follows[0] == pytest.approx(front / 2.0, rel=0.02)
     assert fixed[0] == pytest.approx(follows[0], rel=0.01)
@@ -152,7 +166,9 @@ def test_a_rear_rack_that_follows_the_steering_wheel_is_found() -> None:
 @pytest.mark.slow
 def test_backwards_it_is_followed_or_told() -> None:
     """Understeer is oversteer there, and trails are others: up to a speed at which it is looked at."""
-    limit = next(one for one in derive(scene('light car', Maneuver())).report.validity if one.quantity == 'longitudinal_velocity')
+    limit = next(
+        one for one in derive(scene('light car', Maneuver())).report.validity if one.quantity == 'longitudinal_velocity'
+    )
     assert limit.low in {-5.0, -10.0}
 
 
@@ -170,8 +186,8 @@ def test_the_hand_feels_more_than_the_level_in_a_slow_bend_and_that_is_said() ->
 
 
 def test_a_car_that_wings_press_down_has_a_lowest_speed() -> None:
-    """Of 4000 N at 22 m/s 1000 are of its wings: at v it carries less by 1000 (1 - (v/22)^2), and that is 5 % of 4000 at v^2 = 0.8 22^2. A
-    twentieth of its load a car may lose altogether."""
+    """Of 4000 N at 22 m/s 1000 are of its wings: at v it carries less by 1000 (1 - (v/22)^2), and that is 5 % of 4000
+    at v^2 = 0.8 22^2. A twentieth of its load a car may lose altogether."""
     assert slowest_pressed(4000.0, 3000.0) == pytest.approx(22.0 * 0.8**0.5)
     assert slowest_pressed(4000.0, 3800.0) is None
     assert slowest_pressed(4000.0, 4010.0) is None
@@ -200,8 +216,11 @@ def gradient(each: Scene, t: SingleTrackTables) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize('car', CASES)
 def test_braking_in_a_bend(car: str) -> None:
-    """Another speed and other torques than the level was identified with: the load that moves forward turns the car in."""
-    braking = Maneuver(steering=Step(value=0.45, start=0.5, rise=0.15), brake_torque=Step(value=1000.0, start=2.5, rise=0.2))
+    """Another speed and other torques than the level was identified with: the load that moves forward turns the car
+    in."""
+    braking = Maneuver(
+        steering=Step(value=0.45, start=0.5, rise=0.15), brake_torque=Step(value=1000.0, start=2.5, rise=0.2)
+    )
     yaw = []
     for fidelity in ('full', 'single_track'):
         simulation = solver.simulation_of(dataclasses.replace(scene(car, braking, speed=25.0), fidelity=fidelity))
@@ -214,7 +233,9 @@ def test_a_run_that_leaves_the_limits_is_suspect() -> None:
     mild = solver.simulation_of(scene('light car', Maneuver(steering=Step(value=0.3))))
     mild.advance(3000)
     assert findings(mild) == []
-    wild = solver.simulation_of(scene('light car', Maneuver(steering=Sine(amplitude=0.5, frequency=6.0), brake_torque=9000.0)))
+    wild = solver.simulation_of(
+        scene('light car', Maneuver(steering=Sine(amplitude=0.5, frequency=6.0), brake_torque=9000.0))
+    )
     wild.advance(3000)
     text = ' '.join(str(finding) for finding in findings(wild))
     assert 'frequency' in text
@@ -225,10 +246,15 @@ def test_a_run_that_leaves_the_limits_is_suspect() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(('friction', 'angle', 'told'), [(0.6, 0.4, False), (0.6, 1.2, True), (0.3, 0.4, True)])
 def test_a_slippery_road_is_followed_or_told(friction: float, angle: float, told: bool) -> None:
-    """A steady turn beside the whole vehicle: within 5 %, or suspect. On friction 0.6 a limit of 7 m/s^2 is one of 4.2 m/s^2."""
-    turn = (f'road={{friction: {friction}}}', f'maneuver={{steering: {{kind: step, value: {angle}, start: 0.2, rise: 0.3}}}}')
+    """A steady turn beside the whole vehicle: within 5 %, or suspect. On friction 0.6 a limit of 7 m/s^2 is one of 4.2
+    m/s^2."""
+    turn = (
+        f'road={{friction: {friction}}}',
+        f'maneuver={{steering: {{kind: step, value: {angle}, start: 0.2, rise: 0.3}}}}',
+    )
     whole, level = (
-        solver.simulation_of(load_scene('light_car_step_steer', [*turn, f'fidelity={fidelity}'])) for fidelity in ('full', 'single_track')
+        solver.simulation_of(load_scene('light_car_step_steer', [*turn, f'fidelity={fidelity}']))
+        for fidelity in ('full', 'single_track')
     )
     wanted, found = (s.advance(3000).twist[0, 5] for s in (whole, level))
     assert (abs(found / wanted - 1.0) < 0.05) != told
@@ -269,7 +295,9 @@ def test_what_is_slippery_in_part_is_driven_and_told_like_what_is_so_everywhere(
     ('light_car', 58.0, 0.14, False),
     pytest.param('formula_student', 45.0, 0.02, True, marks=pytest.mark.long),
 ])  # fmt: skip
-def test_a_gentle_bend_faster_than_it_was_identified_is_followed_or_told(vehicle: str, speed: float, angle: float, told: bool) -> None:
+def test_a_gentle_bend_faster_than_it_was_identified_is_followed_or_told(
+    vehicle: str, speed: float, angle: float, told: bool
+) -> None:
     """With wings, and next to neutral, a car turns a quarter less at 45 m/s than what was identified up to 33 m/s."""
     text = (
         f'vehicle: vehicles/{vehicle}.yaml\nstart: {{kind: equilibrium, speed: {speed}}}\nduration: 2.5\n'
@@ -300,7 +328,8 @@ def test_a_slippery_part_that_is_not_driven_on_is_not_told() -> None:
 
 @pytest.mark.slow
 def test_a_driver_finds_his_way() -> None:
-    """The lane change of the light car, steered by the preview driver at both levels: the same path within a tenth of a metre."""
+    """The lane change of the light car, steered by the preview driver at both levels: the same path within a tenth of a
+    metre."""
     whole = load_scene('light_car_lane_change', ['integrator.h=0.002'])
     level = load_scene('light_car_lane_change', ['integrator.h=0.002', 'fidelity=single_track'])
     paths = []
@@ -344,7 +373,8 @@ def test_what_the_level_lacks_is_refused_with_a_sentence() -> None:
 @pytest.mark.long
 @pytest.mark.slow
 def test_other_processors_identify_the_same_numbers() -> None:
-    """Neither BLAS nor the vector instructions of numpy enter; limits, which only judge, are shown with three digits."""
+    """Neither BLAS nor the vector instructions of numpy enter; limits, which only judge, are shown with three
+    digits."""
     program = (
         'import json; from solver.files.scene import load_scene; from solver.levels.single_track import identified; '
         'print(json.dumps(identified(load_scene("light_car_straight").model)))'
@@ -352,7 +382,9 @@ def test_other_processors_identify_the_same_numbers() -> None:
     found = []
     for core in ('Haswell', 'Prescott'):
         environment = {**os.environ, 'PYTHONPATH': str(ROOT), 'OPENBLAS_CORETYPE': core}
-        done = subprocess.run([sys.executable, '-c', program], env=environment, capture_output=True, text=True, check=True, timeout=300)
+        done = subprocess.run(
+            [sys.executable, '-c', program], env=environment, capture_output=True, text=True, check=True, timeout=300
+        )
         found.append(done.stdout)
     assert found[0] == found[1]
     assert 'stiffness_y' in found[0]
@@ -375,10 +407,14 @@ def test_courses_reach_what_their_names_say() -> None:
 
 
 def test_no_axle_answers_faster_than_a_tenth_of_its_tires_relaxation() -> None:
-    """A search that runs to negative lengths, as of a twist beam that steers by its own forces, ends at a length that can be integrated."""
+    """A search that runs to negative lengths, as of a twist beam that steers by its own forces, ends at a length that
+    can be integrated."""
     start = {part: dict.fromkeys((name for p, name in Lateral.NAMES if p == part), 1.0) for part, _ in Lateral.NAMES}
     start['body'] |= {'mass': 1000.0, 'roll_inertia': 1.0}
-    scene = Scene(name='s', model=ModelSpec(bodies=(RigidBodySpec(name='chassis', mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),)))
+    scene = Scene(
+        name='s',
+        model=ModelSpec(bodies=(RigidBodySpec(name='chassis', mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),)),
+    )
     found = Lateral(scene, start, np.eye(3), []).parameters(np.full(len(Lateral.NAMES), -2.0))
     assert found['front']['length_y'] == found['rear']['length_y'] == pytest.approx(0.1)
     assert found['front']['peak_y'] == -1.0

@@ -1,4 +1,5 @@
-"""The level single_track on the road of a scene: as high as that is, and told where the vehicle does not stand on it."""
+"""The level single_track on the road of a scene: as high as that is, and told where the vehicle does not stand on
+it."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ LEVEL_GRID = HeightGrid(origin=(-5.0, -5.0), step=(10.0, 10.0), height=((0.3, 0.
     ],
 )
 def test_it_is_shown_as_high_as_the_road_is_at_its_start(road: RoadSpec, height: float) -> None:
-    """The height 0 of the parameters at rest above it; it drives on as high as that. It was shown at z = 0 on every road."""
+    """The height 0 of the parameters at rest above it; it drives on as high as that. It was shown at z = 0 on every
+    road."""
     track, flat = simulation(road=road), simulation()
     assert track.snapshot().pose[0, 2] == pytest.approx(height, abs=1e-12)
     if road.normal[0] == 0.0:
@@ -34,9 +36,12 @@ def test_it_is_shown_as_high_as_the_road_is_at_its_start(road: RoadSpec, height:
         assert there[:2].tolist() == here[:2].tolist()
 
 
-@pytest.mark.parametrize(('kind', 'road', 'apart'), [('as_placed', -0.5, 0.5), ('assemble', 0.2, 0.2), ('equilibrium', -0.5, 0.0)])
+@pytest.mark.parametrize(
+    ('kind', 'road', 'apart'), [('as_placed', -0.5, 0.5), ('assemble', 0.2, 0.2), ('equilibrium', -0.5, 0.0)]
+)
 def test_one_that_is_placed_above_or_in_the_road_is_told(kind: str, road: float, apart: float) -> None:
-    """Other levels fall from there, or spring up; in its equilibrium a vehicle stands on the road wherever it was placed."""
+    """Other levels fall from there, or spring up; in its equilibrium a vehicle stands on the road wherever it was
+    placed."""
     model = dataclasses.replace(MODEL, road=RoadSpec(point=(0.0, 0.0, road)))
     placed = track(Scene(name='placed', model=model, start=StartSettings(kind=kind)))
     placed.advance(1)

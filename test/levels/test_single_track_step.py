@@ -1,4 +1,5 @@
-"""The single-track model in motion, with parameters given here: closed forms of the linear model, braking, rest, energy, bits."""
+"""The single-track model in motion, with parameters given here: closed forms of the linear model, braking, rest,
+energy, bits."""
 
 from __future__ import annotations
 
@@ -28,7 +29,15 @@ def linear(**more: float) -> dict:
     p = copy.deepcopy(PARAMETERS)
     p['body'] |= {'coupling': 0.0, 'product': 0.0, 'drag': 0.0, 'ratio_3': 0.0}
     for axle in ('front', 'rear'):
-        p[axle] |= {'roll_steer': 0.0, 'resistance': 0.0, 'length_y': 1e-3, 'trail': 0.0, 'trail_lost': 0.0, 'drive': 0.0, **more}
+        p[axle] |= {
+            'roll_steer': 0.0,
+            'resistance': 0.0,
+            'length_y': 1e-3,
+            'trail': 0.0,
+            'trail_lost': 0.0,
+            'drive': 0.0,
+            **more,
+        }
     return p
 
 
@@ -57,7 +66,9 @@ def test_a_rear_axle_that_is_steered_too_turns_it_by_the_difference(behind: floa
     s = simulation(Maneuver(steering=Step(value=wheel, start=0.1, rise=0.2)), speed=8.0, parameters=p)
     s.advance(6000)
     v = s.engine.y[VX]
-    assert s.engine.y[YAW_RATE] / (wheel / 16.0) == pytest.approx(v * (1.0 - behind) / (2.65 + understeer() * v * v), rel=1e-4)
+    assert s.engine.y[YAW_RATE] / (wheel / 16.0) == pytest.approx(
+        v * (1.0 - behind) / (2.65 + understeer() * v * v), rel=1e-4
+    )
 
 
 @pytest.mark.parametrize(('speed', 'trail'), [(8.0, 0.04), (-8.0, -0.02)])
@@ -73,7 +84,8 @@ def test_backwards_the_trail_of_the_tires_is_in_front_of_the_axis_of_steering(sp
 
 
 def matrix(p: dict, v: float) -> np.ndarray:
-    """Of the linear model with relaxation at a speed v [m/s]: lateral velocity, yaw rate, lateral deflections of both axles."""
+    """Of the linear model with relaxation at a speed v [m/s]: lateral velocity, yaw rate, lateral deflections of both
+    axles."""
     m, inertia = p['body']['mass'], p['body']['yaw_inertia']
     x = [p[axle]['x'] for axle in ('front', 'rear')]
     c = [p[axle]['stiffness_y'] / p[axle]['length_y'] for axle in ('front', 'rear')]
@@ -96,12 +108,15 @@ def test_free_motion_is_the_matrix_exponential_of_the_linear_model() -> None:
     for k in range(1, 6):
         s.advance(100)
         expected = expm(matrix(p, v) * 0.1 * k) @ x
-        assert [s.engine.y[VY], s.engine.y[YAW_RATE], *s.engine.y[LATERAL : LATERAL + 2]] == pytest.approx(expected.tolist(), abs=2e-6)
+        assert [s.engine.y[VY], s.engine.y[YAW_RATE], *s.engine.y[LATERAL : LATERAL + 2]] == pytest.approx(
+            expected.tolist(), abs=2e-6
+        )
 
 
 @pytest.mark.parametrize('v', [15.0, 40.0])
 def test_without_relaxation_natural_frequency_and_damping_are_those_of_the_books(v: float) -> None:
-    """The linear model the level is held against above has the eigenvalues of [Gillespie1992] with short relaxation lengths."""
+    """The linear model the level is held against above has the eigenvalues of [Gillespie1992] with short relaxation
+    lengths."""
     p = linear(length_y=1e-4)
     m, inertia, a, b = p['body']['mass'], p['body']['yaw_inertia'], p['front']['x'], -p['rear']['x']
     front, rear = p['front']['stiffness_y'], p['rear']['stiffness_y']
@@ -128,7 +143,9 @@ def test_roll_alone_is_a_damped_oscillator() -> None:
     w, d = math.sqrt(9e4 / 1000.0), 0.5 * 2700.0 / 1000.0
     wd = math.sqrt(w * w - d * d)
     s.advance(400)
-    assert s.engine.y[ROLL] == pytest.approx(0.01 * math.exp(-d * 0.4) * (math.cos(wd * 0.4) + d / wd * math.sin(wd * 0.4)), abs=1e-6)
+    assert s.engine.y[ROLL] == pytest.approx(
+        0.01 * math.exp(-d * 0.4) * (math.cos(wd * 0.4) + d / wd * math.sin(wd * 0.4)), abs=1e-6
+    )
 
 
 def test_braking_slows_mass_and_wheels() -> None:
@@ -141,7 +158,8 @@ def test_braking_slows_mass_and_wheels() -> None:
 
 
 def test_each_axle_has_a_limiter_of_its_own() -> None:
-    """At 20 m/s wheels turn at 65 rad/s: motors in front that end at 50 rad/s have nothing left, those behind drive with their 60 %."""
+    """At 20 m/s wheels turn at 65 rad/s: motors in front that end at 50 rad/s have nothing left, those behind drive
+    with their 60 %."""
     p = linear()
     p['front'] |= {'drive': 0.4, 'top_spin': 50.0}
     p['rear'] |= {'drive': 0.6}
@@ -176,7 +194,9 @@ def test_it_brakes_to_rest_and_stays_there(h: float) -> None:
 
 
 def test_a_brake_that_lets_go_holds_no_more() -> None:
-    s = simulation(Maneuver(brake_torque=Step(initial=2000.0, value=0.0, start=3.0, rise=0.1), drive_torque=300.0), speed=3.0)
+    s = simulation(
+        Maneuver(brake_torque=Step(initial=2000.0, value=0.0, start=3.0, rise=0.1), drive_torque=300.0), speed=3.0
+    )
     s.advance(2900)
     assert abs(s.engine.y[VX]) < 1e-3
     s.advance(2000)
@@ -196,7 +216,9 @@ def skidding(friction: float, vx: float, steps: int) -> Simulation:
 
 def test_a_skid_goes_straight_on_and_stores_no_more_than_the_road_can_carry() -> None:
     s = skidding(1.0, 1.5, 300)
-    assert np.arctan2(s.engine.y[VY], s.engine.y[VX]) + s.engine.y[YAW] == pytest.approx(np.arctan2(10.0, 1.5), abs=np.radians(3.0))
+    assert np.arctan2(s.engine.y[VY], s.engine.y[VX]) + s.engine.y[YAW] == pytest.approx(
+        np.arctan2(10.0, 1.5), abs=np.radians(3.0)
+    )
     dry, wet = (skidding(friction, 0.0, 100).engine.y[LATERAL] for friction in (1.0, 0.1))
     assert wet == pytest.approx(0.1 * dry, rel=0.02)
 
@@ -258,14 +280,23 @@ def test_what_it_does_not_model_is_absent() -> None:
     s = simulation()
     assert s.channels.wheels == ()
     assert s.channels.bodies == ('chassis',)
-    assert s.channels.joints == ('steering_wheel', 'wheel_front_left', 'wheel_front_right', 'wheel_rear_left', 'wheel_rear_right')
+    assert s.channels.joints == (
+        'steering_wheel',
+        'wheel_front_left',
+        'wheel_front_right',
+        'wheel_rear_left',
+        'wheel_rear_right',
+    )
     assert s.channels.elements == ELEMENTS
     assert s.snapshot().tire.size == 0
 
 
 def test_velocity_and_pose_of_the_chassis_belong_together() -> None:
     """The twist is the derivative of the pose, roll and pitch included."""
-    s = simulation(Maneuver(steering=Sine(amplitude=1.0, frequency=1.0), brake_torque=Step(value=1000.0, start=0.5, rise=0.3)), h=1e-4)
+    s = simulation(
+        Maneuver(steering=Sine(amplitude=1.0, frequency=1.0), brake_torque=Step(value=1000.0, start=0.5, rise=0.3)),
+        h=1e-4,
+    )
     s.advance(8000)
     a, b = s.snapshot(), s.advance(1)
     x, y, z, w = 0.5 * (a.pose[0, 3:] + b.pose[0, 3:])
@@ -292,7 +323,10 @@ def test_velocity_and_pose_of_the_chassis_belong_together() -> None:
 
 def test_less_friction_leaves_less_force() -> None:
     steering = Step(value=2.0, start=0.1, rise=0.5)
-    dry, wet = simulation(Maneuver(steering=steering)), simulation(Maneuver(steering=steering), road=RoadSpec(friction=0.4))
+    dry, wet = (
+        simulation(Maneuver(steering=steering)),
+        simulation(Maneuver(steering=steering), road=RoadSpec(friction=0.4)),
+    )
     dry.advance(2000)
     wet.advance(2000)
     assert wet.reached['lateral acceleration'][0] < 0.45 * 9.81 < dry.reached['lateral acceleration'][0]
@@ -317,7 +351,9 @@ def test_it_starts_where_the_chassis_is_placed() -> None:
     chassis, *others = MODEL.bodies
     placed = dataclasses.replace(chassis, position=(3.0, 4.0, 0.0), orientation=(0.0, 0.0, half, half))
     scene = Scene(
-        name='turned', model=dataclasses.replace(MODEL, bodies=(placed, *others)), start=StartSettings(kind='equilibrium', speed=20.0)
+        name='turned',
+        model=dataclasses.replace(MODEL, bodies=(placed, *others)),
+        start=StartSettings(kind='equilibrium', speed=20.0),
     )
     s = track(scene)
     assert s.snapshot().joint_position[1:] == pytest.approx(np.zeros(4))
@@ -332,13 +368,16 @@ TURNED = Maneuver(steering=0.5, drive_torque=150.0)
 
 @pytest.mark.parametrize('speed', [20.0, -8.0])
 def test_a_steered_vehicle_starts_in_its_bend(speed: float) -> None:
-    """Its roll at the start is what the stiffness leaves of S r v, its yaw rate goes on for half a second within 2 %, and in the first
-    20 ms it goes along x within its sideslip; it has its speed, and the centre of mass of its chassis, 0.5 m over the axis of roll, stands
-    at the origin: the chassis itself, 0.1 m under that axis, 0.6 m times its roll to the left."""
+    """Its roll at the start is what the stiffness leaves of S r v, its yaw rate goes on for half a second within 2 %,
+    and in the first 20 ms it goes along x within its sideslip; it has its speed, and the centre of mass of its chassis,
+    0.5 m over the axis of roll, stands at the origin: the chassis itself, 0.1 m under that axis, 0.6 m times its roll
+    to the left."""
     s = simulation(Maneuver(steering=0.5, drive_torque=math.copysign(150.0, speed)), speed=speed)
     shot = s.snapshot()
     roll, rate = s.engine.y[ROLL], s.engine.y[YAW_RATE]
-    assert rate == pytest.approx(speed * 0.5 / 16.0 / (2.65 + math.copysign(understeer(), speed) * speed * speed), rel=0.2)
+    assert rate == pytest.approx(
+        speed * 0.5 / 16.0 / (2.65 + math.copysign(understeer(), speed) * speed * speed), rel=0.2
+    )
     assert roll == pytest.approx(800.0 * speed * rate / 9e4, rel=5e-3)
     assert shot.twist[0, 5] == pytest.approx(rate, rel=1e-3)
     assert shot.twist[0, 0] + rate * 0.6 * roll == pytest.approx(speed, rel=1e-4)
@@ -368,7 +407,8 @@ def test_a_start_straight_on_rolls_as_before_whatever_drives_and_brakes() -> Non
 
 
 def test_brakes_that_are_on_have_moved_load_forward_at_a_steered_start() -> None:
-    """800 N m at 0.298 m: 0.2 of that force and of the resistance of all axles is load that has moved, and the car turns in for it."""
+    """800 N m at 0.298 m: 0.2 of that force and of the resistance of all axles is load that has moved, and the car
+    turns in for it."""
     braked, free = simulation(Maneuver(steering=0.5, brake_torque=800.0)), simulation(Maneuver(steering=0.5))
     moved = free.engine.y[SHIFT] - braked.engine.y[SHIFT]
     assert moved == pytest.approx(0.2 * 800.0 / 0.298, rel=0.03)
@@ -391,5 +431,7 @@ def test_errors_are_sentences() -> None:
     assert s.k == 0
     with pytest.raises(SpecError, match='take another level'):
         _ = s.state
-    with pytest.raises(ConsistencyError, match=r'does not settle at 1e\+200 m/s with the steering wheel at 0.5 rad: reduce the speed'):
+    with pytest.raises(
+        ConsistencyError, match=r'does not settle at 1e\+200 m/s with the steering wheel at 0.5 rad: reduce the speed'
+    ):
         simulation(TURNED, speed=1e200)

@@ -52,8 +52,13 @@ def test_what_is_off_costs_nothing(name: str) -> None:
 
 
 def test_turn_slip_costs_a_state_of_each_tire() -> None:
-    """Of those that have all of it, and of those that nothing is said of: the moment against turning on the spot goes too."""
-    for overrides in ([], ['vehicle.front.turn_slip=true'], ['vehicle.front.turn_slip=true', 'vehicle.rear.turn_slip=false']):
+    """Of those that have all of it, and of those that nothing is said of: the moment against turning on the spot goes
+    too."""
+    for overrides in (
+        [],
+        ['vehicle.front.turn_slip=true'],
+        ['vehicle.front.turn_slip=true', 'vehicle.rear.turn_slip=false'],
+    ):
         given = load_scene('light_car_step_steer', overrides).model
         without, report = switched(given, {'turn_slip': 'off'})
         twisting = 2 if len(overrides) == 2 else 4
@@ -75,7 +80,9 @@ def test_without_stops_springs_and_dampers_stay() -> None:
     for scene in ('car_step_steer', 'light_car_step_steer'):
         given = load_scene(scene).model
         without = off(given, 'stops')
-        laws = [force.spring for force in (*without.spring_dampers, *without.coordinate_forces) if force.spring is not None]
+        laws = [
+            force.spring for force in (*without.spring_dampers, *without.coordinate_forces) if force.spring is not None
+        ]
         assert len(compile_model(without).tables.laws.start) < len(compile_model(given).tables.laws.start)
         assert all(len(law.x) == 1 for law in laws), 'springs and bars are linear; what is left has no dead travel'
         assert {s.name for s in given.spring_dampers} == {s.name for s in without.spring_dampers}
@@ -83,7 +90,8 @@ def test_without_stops_springs_and_dampers_stay() -> None:
 
 @pytest.mark.parametrize('name', ['engine_mounts', 'subframes', 'steering_column', 'driveline_torsion'])
 def test_what_is_made_rigid_keeps_its_mass(name: str) -> None:
-    """The inertia of a propeller shaft turns with the wheels afterwards: by the square of the ratio more, about their axes."""
+    """The inertia of a propeller shaft turns with the wheels afterwards: by the square of the ratio more, about their
+    axes."""
     before, after = mass_figures(model()), mass_figures(off(model(), name))
     for key in ('mass', 'com_x', 'com_y', 'com_z'):
         assert after[key] == pytest.approx(before[key], rel=1e-12, abs=1e-12)
@@ -103,12 +111,16 @@ def test_the_report_names_every_subsystem_and_why() -> None:
 
 
 def test_what_no_rule_takes_out_is_on_whatever_the_scene_says() -> None:
-    """A pickup winds up its final drive, whose pinion turns with the transfer case too; a preloaded mesh keeps its steering column."""
+    """A pickup winds up its final drive, whose pinion turns with the transfer case too; a preloaded mesh keeps its
+    steering column."""
     pickup = load_scene_text('vehicle: vehicles/pickup_awd.yaml').model
     assert 'final_drive' in {force.name for force in pickup.coordinate_forces}
     saloon = load_scene_text('vehicle: vehicles/wishbone_car.yaml').model
     forces = tuple(f.replace(preload=1.0) if f.name == 'rack_and_pinion' else f for f in saloon.coordinate_forces)
-    for given, name in ((pickup, 'driveline_torsion'), (dataclasses.replace(saloon, coordinate_forces=forces), 'steering_column')):
+    for given, name in (
+        (pickup, 'driveline_torsion'),
+        (dataclasses.replace(saloon, coordinate_forces=forces), 'steering_column'),
+    ):
         left, report = switched(given, {name: 'off'})
         assert left == given
         (told,) = (one for one in report if one.subsystem == name)
@@ -144,7 +156,9 @@ def test_without_its_column_the_hand_holds_the_same_torque(vehicle: str) -> None
     held = []
     for state in ('on', 'off'):
         changes = [f'vehicle=vehicles/{vehicle}.yaml', f'switches.steering_column={state}']
-        simulation = solver.simulation_of(load_scene('car_step_steer', [*changes, 'maneuver.steering={kind: ramp, slope: 1.0}']))
+        simulation = solver.simulation_of(
+            load_scene('car_step_steer', [*changes, 'maneuver.steering={kind: ramp, slope: 1.0}'])
+        )
         held.append(simulation.advance(400).joint_effort[simulation.channels.joints.index('steering_wheel')])
     assert held[0] > 2.0
     assert held[1] == pytest.approx(held[0], rel=0.05)
@@ -153,7 +167,8 @@ def test_without_its_column_the_hand_holds_the_same_torque(vehicle: str) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['relaxation', 'camber'])
 def test_what_a_tire_leaves_out_changes_its_force(name: str) -> None:
-    """Relaxation: the side force follows a step of the steering at once. Camber: a cambered wheel that rolls straight pushes less."""
+    """Relaxation: the side force follows a step of the steering at once. Camber: a cambered wheel that rolls straight
+    pushes less."""
     runs = []
     for state in ('on', 'off'):
         overrides = [f'switches.{name}={state}', 'maneuver.steering={kind: step, value: 0.5, start: 0.05, rise: 0.02}']

@@ -28,7 +28,8 @@ def system(n: int, extra: int, seed: int):
     B = np.zeros((int(plan.n_blocks[0]), 6, WIDTH))
     dense = np.zeros((6 * n, 6 * n))
     for (r, c), s in slots.items():
-        block = rng.normal(size=(6, 6)) + (12.0 * n * np.eye(6) if r == c else 0.0)  # dominant diagonal: no pivoting needed
+        # dominant diagonal: no pivoting needed
+        block = rng.normal(size=(6, 6)) + (12.0 * n * np.eye(6) if r == c else 0.0)
         B[s, :, :6] = block
         dense[6 * r : 6 * r + 6, 6 * c : 6 * c + 6] = block
     return plan, B, dense, rng
@@ -45,7 +46,9 @@ def test_the_solution_is_that_of_the_dense_matrix(n, extra):
     assert T[0, 0] == -1
     solve(plan, B, x)
     expected = np.linalg.solve(dense, right.ravel()).reshape(n, 6)
-    np.testing.assert_allclose(x[:, :6], expected, rtol=0.0, atol=1e-13 * np.linalg.cond(dense) * np.abs(expected).max())
+    np.testing.assert_allclose(
+        x[:, :6], expected, rtol=0.0, atol=1e-13 * np.linalg.cond(dense) * np.abs(expected).max()
+    )
     assert not x[:, 6:].any()
 
 

@@ -18,7 +18,8 @@ def test_solves_a_system_to_the_tolerance_asked_for():
 
 
 def test_needs_a_vector_for_each_different_eigenvalue():
-    """1, 0.5 and 1e-3, each many times: three products, although the last alone would take a thousand steps of simple iteration."""
+    """1, 0.5 and 1e-3, each many times: three products, although the last alone would take a thousand steps of simple
+    iteration."""
     values = np.repeat([1.0, 0.5, 1e-3], 20)
     products = []
     Q, _ = np.linalg.qr(RANDOM.normal(size=(60, 60)))
@@ -40,14 +41,16 @@ def test_leaves_the_null_space_alone():
 
 
 def test_what_no_combination_reaches_is_left():
-    """An inconsistent system ends at its limit, with the least norm left: the part of the right side outside of the range."""
+    """An inconsistent system ends at its limit, with the least norm left: the part of the right side outside of the
+    range."""
     A = np.diag([1.0, 0.5, 0.0])
     left = A @ gmres(lambda y: A @ y, np.array([1.0, 1.0, 0.1]), 1e-12, 3) - [1.0, 1.0, 0.1]
     assert np.linalg.norm(left) == pytest.approx(0.1, rel=1e-6)
 
 
 def test_rounding_of_a_singular_system_makes_no_solution():
-    """Products with rounding of 1e-14 have an inverse where the exact ones have none; what it gives is a million times too large."""
+    """Products with rounding of 1e-14 have an inverse where the exact ones have none; what it gives is a million times
+    too large."""
     Q, _ = np.linalg.qr(RANDOM.normal(size=(20, 20)))
     A = (Q * np.array([0.0] * 5 + [1.0] * 5 + [0.7] * 5 + [0.4] * 5)) @ Q.T + 1e-14 * RANDOM.normal(size=(20, 20))
     exact = Q[:, 5:] @ RANDOM.normal(size=15)

@@ -31,7 +31,10 @@ def decoded():
     messages = Messages(names, element_states=True, reactions=True, frame_prefix='car/')
     shot = snapshot(names, k=700)
     encoded = messages.encode(shot)
-    return shot, {t.name: cdr.decode(t.type, cdr.schema_text(t.type), data)[0] for t, data in zip(messages.topics, encoded, strict=True)}
+    return shot, {
+        t.name: cdr.decode(t.type, cdr.schema_text(t.type), data)[0]
+        for t, data in zip(messages.topics, encoded, strict=True)
+    }
 
 
 def vector(value: dict, *names: str) -> np.ndarray:
@@ -45,14 +48,22 @@ def test_stamp_is_simulation_time(decoded):
         assert (header['stamp']['sec'], header['stamp']['nanosec']) == (1, 400_000_000)
 
 
-@pytest.mark.parametrize('sensors', [None, Sensors(odom=OdomSensor(position=0.5), imu=ImuSensor(rate=0.1), noise=True, seed=3)])
+@pytest.mark.parametrize(
+    'sensors', [None, Sensors(odom=OdomSensor(position=0.5), imu=ImuSensor(rate=0.1), noise=True, seed=3)]
+)
 @pytest.mark.parametrize('vehicle', [True, False])
 def test_topics_that_are_encoded_alone_have_the_same_bytes(vehicle: bool, sensors: Sensors | None) -> None:
     """In any order of selections and steps: those with all bodies and with elements are not at every one."""
     names = channels(vehicle=vehicle)
     both = [
         Messages(
-            names, element_states=True, reactions=True, elements_every=2, poses_every=3, links=['a', 'base_link', 'c'], sensors=sensors
+            names,
+            element_states=True,
+            reactions=True,
+            elements_every=2,
+            poses_every=3,
+            links=['a', 'base_link', 'c'],
+            sensors=sensors,
         )
         for _ in range(2)
     ]
@@ -105,7 +116,9 @@ def test_transforms_place_base_link_and_contact_frames_in_odom(decoded):
     shot, messages = decoded
     transforms = {t['child_frame_id']: t for t in messages['/tf']['transforms']}
     assert set(transforms) == {'car/base_link', *(f'car/{wheel}_contact' for wheel in WHEELS)}
-    expected = {'car/base_link': shot.pose[1]} | {f'car/{w}_contact': shot.tire[i, COLUMN['px'] :] for i, w in enumerate(WHEELS)}
+    expected = {'car/base_link': shot.pose[1]} | {
+        f'car/{w}_contact': shot.tire[i, COLUMN['px'] :] for i, w in enumerate(WHEELS)
+    }
     for frame, pose in expected.items():
         assert transforms[frame]['header']['frame_id'] == 'car/odom'
         value = transforms[frame]['transform']
@@ -142,9 +155,19 @@ def test_every_so_many_steps_all_bodies_are_placed_as_links_beside_the_sensor():
 
 def test_elements_of_a_kind_have_a_topic_of_their_own():
     names = channels()
-    messages, shot = Messages(names, element_states=True, kinds={'spring': 'springs', 'damper': 'dampers'}), snapshot(names, 3)
-    found = {t.name: cdr.decode(t.type, cdr.schema_text(t.type), data)[0] for t, data in zip(messages.topics, messages.encode(shot))}
-    told = {name: dict(zip(one['name'], one['position'])) for name, one in found.items() if name.startswith('element_states')}
+    messages, shot = (
+        Messages(names, element_states=True, kinds={'spring': 'springs', 'damper': 'dampers'}),
+        snapshot(names, 3),
+    )
+    found = {
+        t.name: cdr.decode(t.type, cdr.schema_text(t.type), data)[0]
+        for t, data in zip(messages.topics, messages.encode(shot))
+    }
+    told = {
+        name: dict(zip(one['name'], one['position']))
+        for name, one in found.items()
+        if name.startswith('element_states')
+    }
     spring = {'spring/energy': shot.elements[0], 'spring/force': shot.elements[1]}
     assert told == {'element_states/springs': spring, 'element_states/dampers': {'damper/force': shot.elements[2]}}
 
@@ -160,7 +183,11 @@ def test_every_element_of_a_scene_has_its_kind():
 
 def test_joints_inputs_and_scalars_go_by_name(decoded):
     shot, messages = decoded
-    for part, values in (('position', shot.joint_position), ('velocity', shot.joint_velocity), ('effort', shot.joint_effort)):
+    for part, values in (
+        ('position', shot.joint_position),
+        ('velocity', shot.joint_velocity),
+        ('effort', shot.joint_effort),
+    ):
         np.testing.assert_array_equal(messages['joint_states'][part], values)
     assert messages['cmd_applied']['name'] == [*INPUTS, 'step']
     np.testing.assert_array_equal(messages['cmd_applied']['position'], [*shot.inputs, 700.0])
@@ -188,7 +215,12 @@ def test_bytes_are_independent_of_what_was_encoded_before():
 
 @pytest.mark.parametrize(
     ('attribute', 'index', 'name'),
-    [('pose', (2, 0), 'wheel'), ('joint_velocity', 3, 'joint_3'), ('tire', (1, 4), 'front_right'), ('inputs', 4, 'brake_torque')],
+    [
+        ('pose', (2, 0), 'wheel'),
+        ('joint_velocity', 3, 'joint_3'),
+        ('tire', (1, 4), 'front_right'),
+        ('inputs', 4, 'brake_torque'),
+    ],
 )
 @pytest.mark.parametrize('value', [np.nan, np.inf])
 def test_a_state_that_is_not_finite_is_refused_by_name_and_time(attribute, index, name, value):
@@ -203,14 +235,21 @@ def test_huge_but_finite_states_pass():
     names = channels()
     shot = snapshot(names)
     shot.joint_effort[:] = 1e200  # its square overflows
-    value = cdr.decode('sensor_msgs/msg/JointState', cdr.schema_text('sensor_msgs/msg/JointState'), Messages(names).encode(shot)[0])[0]
+    value = cdr.decode(
+        'sensor_msgs/msg/JointState', cdr.schema_text('sensor_msgs/msg/JointState'), Messages(names).encode(shot)[0]
+    )[0]
     np.testing.assert_array_equal(value['effort'], shot.joint_effort)
 
 
 def test_decoding_inverts_encoding_for_strings_of_any_length():
     text = cdr.schema_text(TF)
     for length in range(9):
-        value = {'transforms': [{'header': {'frame_id': 'a' * length}, 'child_frame_id': 'b', 'transform': {'rotation': {'w': 2.5}}}] * 2}
+        value = {
+            'transforms': [
+                {'header': {'frame_id': 'a' * length}, 'child_frame_id': 'b', 'transform': {'rotation': {'w': 2.5}}}
+            ]
+            * 2
+        }
         back, places = cdr.decode(TF, text, cdr.encode(TF, text, value)[0])
         assert back['transforms'][1]['header']['frame_id'] == 'a' * length
         assert back['transforms'][1]['transform']['rotation']['w'] == 2.5
@@ -218,7 +257,10 @@ def test_decoding_inverts_encoding_for_strings_of_any_length():
 
 
 def test_bounds_and_default_values_are_no_constants():
-    schema = 'string<=10 name\nint32 MOST = 3  # x=1\nstring KEY="a=b"\nfloat64[<=3] x\nstring unit "k=v"\nfloat64 y 0.5 # in m, y=0\n'
+    schema = (
+        'string<=10 name\nint32 MOST = 3  # x=1\nstring KEY="a=b"\nfloat64[<=3] x\nstring unit "k=v"\nfloat64 y '
+        '0.5 # in m, y=0\n'
+    )
     # a text of 3 bytes with its end, up to 8; 2 numbers from 16 to 32; a text of 2 up to 38; a number from 40 on
     text = struct.pack('<I3sxI4xddI2s2xd', 3, b'ab', 2, 1.0, 2.0, 2, b'm', 3.0)
     value, places = cdr.decode('a/msg/B', schema, cdr.ENCAPSULATION + text)
@@ -290,7 +332,9 @@ class TestAgainstRos:
         for topic, data in zip(messages.topics, messages.encode(snapshot(names, 3)), strict=True):
             if topic.type != TF:
                 kind = message_class(topic.type)
-                assert deserialize_message(data, kind) == assign(kind(), cdr.decode(topic.type, cdr.schema_text(topic.type), data)[0])
+                assert deserialize_message(data, kind) == assign(
+                    kind(), cdr.decode(topic.type, cdr.schema_text(topic.type), data)[0]
+                )
 
     def test_every_field_kind_of_a_diagnostic_array_survives(self):
         from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -304,7 +348,12 @@ class TestAgainstRos:
         header = cdr.schema_text(WRENCH).split(line)  # holds Header and Time
         header = [part for part in header if part.startswith(('MSG: std_msgs/Header', 'MSG: builtin_interfaces/Time'))]
         text = line.join(
-            [parts[0], f'MSG: diagnostic_msgs/DiagnosticStatus\n{parts[1]}', f'MSG: diagnostic_msgs/KeyValue\n{parts[2]}', *header]
+            [
+                parts[0],
+                f'MSG: diagnostic_msgs/DiagnosticStatus\n{parts[1]}',
+                f'MSG: diagnostic_msgs/KeyValue\n{parts[2]}',
+                *header,
+            ]
         )
         status = DiagnosticStatus(
             level=b'\x02', name='n', message='mm', values=[KeyValue(key='k', value='vv'), KeyValue(key='', value='x')]
@@ -333,16 +382,28 @@ class TestAgainstRos:
                 assert {h['type_name']: h['hash_string'] for h in hashes}[name] == type_hash
 
     def test_transform_hash_follows_from_its_definition(self):
-        """REP-2016: the hash is that of the type description; it is made here for TFMessage, which the wheels do not have."""
+        """REP-2016: the hash is that of the type description; it is made here for TFMessage, which the wheels do not
+        have."""
         import json
 
-        generator = pytest.importorskip('rosidl_generator_type_description', reason='not among the packages of this ROS')
+        generator = pytest.importorskip(
+            'rosidl_generator_type_description', reason='not among the packages of this ROS'
+        )
         stamped = json.loads((_share('geometry_msgs') / 'TransformStamped.json').read_text())['type_description_msg']
-        kind = {'type_id': 145, 'capacity': 0, 'string_capacity': 0, 'nested_type_name': 'geometry_msgs/msg/TransformStamped'}
+        kind = {
+            'type_id': 145,
+            'capacity': 0,
+            'string_capacity': 0,
+            'nested_type_name': 'geometry_msgs/msg/TransformStamped',
+        }
         description = {
-            'type_description': {'type_name': TF, 'fields': [{'name': 'transforms', 'type': kind, 'default_value': ''}]},
+            'type_description': {
+                'type_name': TF,
+                'fields': [{'name': 'transforms', 'type': kind, 'default_value': ''}],
+            },
             'referenced_type_descriptions': sorted(
-                [*stamped['referenced_type_descriptions'], stamped['type_description']], key=lambda one: one['type_name']
+                [*stamped['referenced_type_descriptions'], stamped['type_description']],
+                key=lambda one: one['type_name'],
             ),
         }
         assert generator.calculate_type_hash(description) == TYPE_HASHES[TF]
@@ -358,7 +419,8 @@ def _lines(path: Path) -> list[list[str]]:
 
 
 def _share(package: str) -> Path:
-    # lib/pythonX.Y/site-packages/<package>/__init__.py and share/<package> have one prefix, in /opt/ros as in the wheels.
+    # lib/pythonX.Y/site-packages/<package>/__init__.py and share/<package> have one prefix, in /opt/ros as in the
+    # wheels.
     return Path(import_module(package).__file__).parents[4] / 'share' / package / 'msg'
 
 

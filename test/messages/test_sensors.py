@@ -1,4 +1,5 @@
-"""Sensors: covariances are squares of the deviations, noise has them, is a function of seed and step, and is off unless wanted."""
+"""Sensors: covariances are squares of the deviations, noise has them, is a function of seed and step, and is off unless
+wanted."""
 
 from __future__ import annotations
 
@@ -24,7 +25,11 @@ def sensed(k: int, sensors: Sensors | None = None) -> tuple[Messages, dict[str, 
     messages = Messages(names, sensors=sensors)
     encoded = messages.encode(snapshot(names, k))
     kinds = {t.name: t.type for t in messages.topics}
-    return messages, {n: cdr.decode(k, cdr.schema_text(k), d)[0] for (n, k), d in zip(kinds.items(), encoded, strict=True) if n in SENSED}
+    return messages, {
+        n: cdr.decode(k, cdr.schema_text(k), d)[0]
+        for (n, k), d in zip(kinds.items(), encoded, strict=True)
+        if n in SENSED
+    }
 
 
 SENSED = ('odom', 'imu')
@@ -42,7 +47,9 @@ def test_covariances_are_squares_of_the_deviations_and_numbers_stay_exact():
     pose, twist = np.diag([0.25] * 3 + [1e-4] * 3), np.diag([0.04] * 3 + [9e-4] * 3)
     np.testing.assert_allclose(said['odom']['pose']['covariance'].reshape(6, 6), pose, rtol=1e-14)
     np.testing.assert_allclose(said['odom']['twist']['covariance'].reshape(6, 6), twist, rtol=1e-14)
-    np.testing.assert_allclose(said['imu']['linear_acceleration_covariance'].reshape(3, 3), np.diag([0.36] * 3), rtol=1e-14)
+    np.testing.assert_allclose(
+        said['imu']['linear_acceleration_covariance'].reshape(3, 3), np.diag([0.36] * 3), rtol=1e-14
+    )
     assert said['odom']['pose']['pose'] == exact['odom']['pose']['pose']
     assert said['imu']['linear_acceleration'] == exact['imu']['linear_acceleration']
     assert not exact['odom']['pose']['covariance'].any() and not exact['imu']['orientation_covariance'].any()
@@ -51,7 +58,11 @@ def test_covariances_are_squares_of_the_deviations_and_numbers_stay_exact():
 def numbers_of(value: dict) -> np.ndarray:
     """Of odom: position, velocity, angular velocity; of imu: angular velocity, specific force."""
     if 'pose' in value:
-        parts = (value['pose']['pose']['position'], value['twist']['twist']['linear'], value['twist']['twist']['angular'])
+        parts = (
+            value['pose']['pose']['position'],
+            value['twist']['twist']['linear'],
+            value['twist']['twist']['angular'],
+        )
     else:
         parts = (value['angular_velocity'], value['linear_acceleration'])
     return np.concatenate([vector(part, 'x', 'y', 'z') for part in parts])
@@ -65,7 +76,8 @@ def test_noise_has_its_deviations_and_is_a_function_of_seed_and_step():
     for k in range(1, 801):
         shot = snapshot(names, k)
         pairs = [(exact.encode(shot)[i], noisy.encode(shot)[i], exact.topics[i].type) for i in at]
-        found[k] = np.concatenate([numbers_of(cdr.decode(t, cdr.schema_text(t), b)[0]) - numbers_of(cdr.decode(t, cdr.schema_text(t), a)[0])
+        found[k] = np.concatenate([numbers_of(cdr.decode(t, cdr.schema_text(t), b)[0]) - numbers_of(cdr.decode(t,
+        cdr.schema_text(t), a)[0])
                                    for a, b, t in pairs])  # fmt: skip
     deviations = np.repeat([0.5, 0.2, 0.03, 0.004, 0.6], 3)
     scatter = np.array(list(found.values())) / deviations

@@ -1,4 +1,5 @@
-"""The executable `adapter` between a simulator and what others publish: standard messages, and stand-ins of other packages."""
+"""The executable `adapter` between a simulator and what others publish: standard messages, and stand-ins of other
+packages."""
 
 from __future__ import annotations
 
@@ -25,7 +26,9 @@ def adapt(tmp_path):
     def adapt(path: str = '') -> Process:
         values = {'rate': 0.0, 'scene': 'light_car_straight', 'steering_ratio': RATIO}
         arguments = [text for name, value in values.items() for text in ('-p', f'{name}:={value}')]
-        started.append(Process(tmp_path, [sys.executable, '-m', 'mbd_sim_ros.node.adapter', '--ros-args', *arguments], path=path))
+        started.append(
+            Process(tmp_path, [sys.executable, '-m', 'mbd_sim_ros.node.adapter', '--ros-args', *arguments], path=path)
+        )
         return started[-1]
 
     yield adapt
@@ -81,7 +84,8 @@ def test_autoware_and_ackermann_commands_drive_and_reports_tell(start, client, a
     adapter = adapt(str(where))
     control = client.node.create_publisher(Control, '/control/command/control_cmd', 1)  # volatile, as some are
     client.until(lambda: all(reports.values()), 30.0)
-    client.until(lambda: reports['gear_status'][-1].report == GearReport.PARK)  # it is heard some time after the adapter began
+    # it is heard some time after the adapter began
+    client.until(lambda: reports['gear_status'][-1].report == GearReport.PARK)
     client.until(lambda: client.applied[-1]['brake_torque'] == 6000.0)
     gear.publish(GearCommand(command=GearCommand.DRIVE))
     client.until(lambda: reports['gear_status'][-1].report == GearReport.DRIVE)
@@ -90,7 +94,8 @@ def test_autoware_and_ackermann_commands_drive_and_reports_tell(start, client, a
     until_steering(client, control, message, 0.1 * RATIO)
     assert reports['control_mode'][-1].mode == ControlModeReport.AUTONOMOUS
     turned = [report.steering_tire_angle for report in reports['steering_status']]
-    assert any(0.01 < angle < 0.09 for angle in turned)  # what it does, behind the filter of the hands, and not what it was told
+    # what it does, behind the filter of the hands, and not what it was told
+    assert any(0.01 < angle < 0.09 for angle in turned)
     client.until(lambda: reports['steering_status'][-1].steering_tire_angle == pytest.approx(0.1, abs=1e-4))
     assert reports['velocity_status'][-1].header.frame_id == 'base_link'
     odom = client.odom[-1]

@@ -1,4 +1,5 @@
-"""The node `adapter` by itself: what it answers to states that come twice or anew, whose car it drives, what parameters it takes."""
+"""The node `adapter` by itself: what it answers to states that come twice or anew, whose car it drives, what parameters
+it takes."""
 
 from __future__ import annotations
 
@@ -27,7 +28,9 @@ def adapter():
 
     def make(**parameters):
         arguments = [text for name, value in parameters.items() for text in ('-p', f'{name}:={value}')]
-        rclpy.init(args=['--ros-args', *arguments], domain_id=int(DOMAIN), signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(
+            args=['--ros-args', *arguments], domain_id=int(DOMAIN), signal_handler_options=SignalHandlerOptions.NO
+        )
         node: Any = Adapter(PARAMETERS)
         made.append(node)
         node.sent = []
@@ -183,7 +186,9 @@ def test_a_car_whose_wheel_is_turned_by_a_torque_ends_in_one_sentence(adapter):
 
     node = adapter(steering_ratio=16.0)
     runs(node, 'light_car_straight', 'actuation.steering=torque')
-    with pytest.raises(SpecError, match=r'is steered by a torque \(actuation.steering = torque\), and an adapter commands angles'):
+    with pytest.raises(
+        SpecError, match=r'is steered by a torque \(actuation.steering = torque\), and an adapter commands angles'
+    ):
         look(node)
 
 

@@ -120,7 +120,8 @@ def test_steps_that_are_asked_for_are_so_many_and_the_next_answer_counts_from_th
 
 
 def test_a_pause_within_an_answer_changes_nothing_of_it(controlled) -> None:
-    """The seven steps behind the pause are those of the answer to 0; one to the state of the pause, or of the steps made there, is none."""
+    """The seven steps behind the pause are those of the answer to 0; one to the state of the pause, or of the steps
+    made there, is none."""
     one = controlled(every=1)
     one.ask(one.loop.pause)
     one.latch.pace.lockstep_every = 10
@@ -159,7 +160,8 @@ def test_a_reset_forgets_the_rest_of_an_answer_and_another_number_counts_from_th
 
 
 def test_states_that_nobody_sees_are_made_at_once_and_never_beyond_the_one_that_waits(controlled) -> None:
-    """Five steps of 2 ms are 0.01 s, the most that is made at once; the first is made alone, where answers are looked for."""
+    """Five steps of 2 ms are 0.01 s, the most that is made at once; the first is made alone, where answers are looked
+    for."""
     calls: list[int] = []
 
     def hidden(most: int) -> int:

@@ -26,7 +26,8 @@ def test_the_steps_before_the_next_one_are_those_that_are_not_due(periods: tuple
 
 
 class Shown:
-    """An audience of stand-ins. seen: steps with a message, a record or a tick; topics: (name, periods, whether it is heard)."""
+    """An audience of stand-ins. seen: steps with a message, a record or a tick; topics: (name, periods, whether it is
+    heard)."""
 
     def __init__(self, topics=(), *, recorded: int = 0, ticks: int = 0, commanded: bool = False, **pace) -> None:
         pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
@@ -40,16 +41,21 @@ class Shown:
         publication = object.__new__(Publication)
         publication._look_again = math.inf
         publication.channels = [
-            Channel(i, Topic(name, JOINT_STATE), None, None, periods, heard) for i, (name, periods, heard) in enumerate(topics)
+            Channel(i, Topic(name, JOINT_STATE), None, None, periods, heard)
+            for i, (name, periods, heard) in enumerate(topics)
         ]
         publication._note_heard()
         publication.publish = lambda messages, channels, budget=0.0: self._see(bool(channels))
-        recording = SimpleNamespace(periods=(recorded,) if recorded else (), take=lambda snapshot, messages: self._see(True))
+        recording = SimpleNamespace(
+            periods=(recorded,) if recorded else (), take=lambda snapshot, messages: self._see(True)
+        )
         clock = SimpleNamespace(began=True, heard=True, every=ticks, publish=lambda snapshot, anyway: self._see(True))
         self.audience = Audience(
-            self.simulation, SimpleNamespace(encode=lambda snapshot, only: [], channels=self.simulation.channels), self.latch,
+            self.simulation, SimpleNamespace(encode=lambda snapshot, only: [], channels=self.simulation.channels),
+            self.latch,
             publication=publication, recording=recording, ticks=clock if ticks else None,
-            envelope=SimpleNamespace(look=lambda snapshot: None), commands=SimpleNamespace(commanded=commanded), assisted=False,
+            envelope=SimpleNamespace(look=lambda snapshot: None), commands=SimpleNamespace(commanded=commanded),
+            assisted=False,
         )  # fmt: skip
 
     def _see(self, anything: bool) -> None:
@@ -103,7 +109,8 @@ def test_where_somebody_commands_or_assists_every_step_is_shown_but_in_lockstep(
 
 
 def test_in_lockstep_what_is_answered_has_a_message_of_the_states_that_wait_and_of_no_others() -> None:
-    """cmd_applied, every step of which is wanted, and imu at every third: only imu makes a step between two answers seen."""
+    """cmd_applied, every step of which is wanted, and imu at every third: only imu makes a step between two answers
+    seen."""
     one = Shown([('cmd_applied', (1,), True), ('imu', (3,), True)], mode='lockstep', lockstep_every=10)
     assert one.latch.waits and one.latch.answer(0, {}) and one.latch.is_answered()
     assert one.steps(10) == [3, 6, 9, 10]

@@ -23,19 +23,43 @@ CASES = {
         ['-p', 'scene:=light_car_straight', '--', 'record:=true'],
         "simulator: 'record:=true' is not understood: parameters are given as --ros-args -p",
     ),
-    'whole number': ('main', ['-p', 'duration:=5'], "expecting type 'DOUBLE': duration; write it with a point, e.g. 5.0"),
-    'number with a point': ('main', ['-p', 'lockstep_every:=2.5'], "expecting type 'INTEGER': lockstep_every; write it without a point"),
+    'whole number': (
+        'main',
+        ['-p', 'duration:=5'],
+        "expecting type 'DOUBLE': duration; write it with a point, e.g. 5.0",
+    ),
+    'number with a point': (
+        'main',
+        ['-p', 'lockstep_every:=2.5'],
+        "expecting type 'INTEGER': lockstep_every; write it without a point",
+    ),
     'none of the states': ('main', ['-p', 'lockstep_every:=0'], 'lockstep_every'),
     'fewer than none of the states': ('main', ['-p', 'lockstep_every:=-10'], 'lockstep_every'),
-    'text for a number': ('main', ['-p', 'lockstep_every:=ten'], "expecting type 'INTEGER': lockstep_every; write it as a number, e.g. 5"),
-    'text for a list': ('main', ['-p', 'overrides:=duration=2'], "expecting type 'STRING_ARRAY': overrides; write it as a list, e.g. "),
+    'text for a number': (
+        'main',
+        ['-p', 'lockstep_every:=ten'],
+        "expecting type 'INTEGER': lockstep_every; write it as a number, e.g. 5",
+    ),
+    'text for a list': (
+        'main',
+        ['-p', 'overrides:=duration=2'],
+        "expecting type 'STRING_ARRAY': overrides; write it as a list, e.g. ",
+    ),
     'empty list': (
         'main',
         ['-p', 'scene:=light_car_straight', '-p', 'lockstep_commands:=[]'],
         'lockstep_commands is an empty list, which has',
     ),
-    'empty list of nothing': ('main', ['-p', 'scene:=light_car_strait', '-p', 'overrides:=[]'], "did you mean 'light_car_straight'"),
-    'negative rate': ('maneuver_player', ['-p', 'maneuver:=brake', '-p', 'rate:=-1.0'], 'rate = -1, timeout = 20: must not be negative'),
+    'empty list of nothing': (
+        'main',
+        ['-p', 'scene:=light_car_strait', '-p', 'overrides:=[]'],
+        "did you mean 'light_car_straight'",
+    ),
+    'negative rate': (
+        'maneuver_player',
+        ['-p', 'maneuver:=brake', '-p', 'rate:=-1.0'],
+        'rate = -1, timeout = 20: must not be negative',
+    ),
     'name with a blank': (
         'maneuver_player',
         ['-p', 'maneuver:=brake', '-p', 'simulator:=a b'],
@@ -53,7 +77,13 @@ SECURED = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}
 
 def run(arguments: list[str], directory: Path, **more: str) -> tuple[int, str]:
     """(exit code, all it said) of a node that is expected to end by itself."""
-    environment = {**os.environ, 'PYTHONPATH': str(ROOT), 'ROS_DOMAIN_ID': DOMAIN, 'ROS_LOG_DIR': str(directory / 'log'), **more}
+    environment = {
+        **os.environ,
+        'PYTHONPATH': str(ROOT),
+        'ROS_DOMAIN_ID': DOMAIN,
+        'ROS_LOG_DIR': str(directory / 'log'),
+        **more,
+    }
     with (directory / 'said').open('w+') as said:
         code = Fork(arguments, cwd=directory, env=environment, output=said.fileno()).wait(30.0)
         said.seek(0)

@@ -1,4 +1,5 @@
-"""Commands of a real car: torques of single wheels, road wheels, hand torque, by name and stamped; through real topics, in lockstep."""
+"""Commands of a real car: torques of single wheels, road wheels, hand torque, by name and stamped; through real topics,
+in lockstep."""
 
 from __future__ import annotations
 
@@ -34,8 +35,14 @@ def named(client, topic: str):
 
 @pytest.mark.slow
 def test_wheels_and_road_wheels_are_commanded_by_name(client, simulator, tmp_path):
-    actuation = ['actuation.wheels=true', 'actuation.steering=road_wheel', 'actuation.actuators.brake_torque_front_left={dead_time: 0.002}']
-    process = simulator(scene=SCENE, mode='lockstep', record=True, out='run', overrides=actuation, max_brake_torque=600.0)
+    actuation = [
+        'actuation.wheels=true',
+        'actuation.steering=road_wheel',
+        'actuation.actuators.brake_torque_front_left={dead_time: 0.002}',
+    ]
+    process = simulator(
+        scene=SCENE, mode='lockstep', record=True, out='run', overrides=actuation, max_brake_torque=600.0
+    )
     answer, wheel = named(client, 'lockstep_cmd'), named(client, 'wheel_cmd')
     client.until(lambda: client.applied)
     answer(0, brake_torque_front_left=500.0, drive_torque_rear_right=120.0)
@@ -58,7 +65,8 @@ def test_wheels_and_road_wheels_are_commanded_by_name(client, simulator, tmp_pat
     last = client.applied[-1]
     assert (last['brake_torque_front_left'], last['brake_torque_rear_left']) == (500.0, -600.0)
     mapped = steering_wheel_at(steering_map(load_scene(SCENE).model), 0.05)
-    assert last['steering'] == pytest.approx(mapped, abs=1e-3 * mapped)  # the filter of the hands is 63 of its time constants on
+    # the filter of the hands is 63 of its time constants on
+    assert last['steering'] == pytest.approx(mapped, abs=1e-3 * mapped)
     process.process.terminate()
     assert process.end() == 0, process.output
     assert "wheel_cmd: 'steering' is no command" in process.output

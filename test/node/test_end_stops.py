@@ -64,7 +64,8 @@ def test_a_parameter_only_narrows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ('settings', 'lock'), [([], None), (['vehicle.steering.lock=2.5'], 2.5), (['vehicle.steering.lock_deg=90'], math.pi / 2)]
+    ('settings', 'lock'),
+    [([], None), (['vehicle.steering.lock=2.5'], 2.5), (['vehicle.steering.lock_deg=90'], math.pi / 2)],
 )
 def test_the_ends_are_those_of_the_car(settings: list[str], lock: float | None) -> None:
     scene = load_scene('light_car_straight', settings)

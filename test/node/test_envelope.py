@@ -1,4 +1,5 @@
-"""The node says where a run leaves what its level of detail, or the certificate of its plan, holds for, at once and in the verdict."""
+"""The node says where a run leaves what its level of detail, or the certificate of its plan, holds for, at once and in
+the verdict."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ def prepare(name, overrides):
     return synthetic.scene(name=name), simulation
 node.prepare = prepare
 sys.exit(node.main(sys.argv[1:]))
-"""
+"""  # noqa: E501
 
 
 def node(directory: Path, **parameters: object) -> Process:
@@ -62,11 +63,16 @@ def test_diagnostics_warn_of_a_run_outside_until_it_begins_anew(tmp_path, client
         told = 'suspect: The run leaves its envelope: wheel load is'
         client.until(lambda: any(told in a.status[0].message for a in client.diagnostics))
         warned = next(a.status[0] for a in client.diagnostics if told in a.status[0].message)
-        assert 'wheel load is valid from 0 to 1e+05 N (envelope ' in warned.message and 'The limits: certified. ' in warned.message
+        assert (
+            'wheel load is valid from 0 to 1e+05 N (envelope ' in warned.message
+            and 'The limits: certified. ' in warned.message
+        )
         assert warned.level == b'\x01'
         assert {v.key: v.value for v in warned.values}['findings'] == '1'
         assert client.call('reset').success
         client.diagnostics.clear()
-        client.until(lambda: any({v.key: v.value for v in a.status[0].values}['verdict'] == 'ok' for a in client.diagnostics))
+        client.until(
+            lambda: any({v.key: v.value for v in a.status[0].values}['verdict'] == 'ok' for a in client.diagnostics)
+        )
     finally:
         process.kill()

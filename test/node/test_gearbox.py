@@ -1,4 +1,5 @@
-"""The adapter on a car with an engine and an automatic gearbox: torques become pedal and lever, by hand and over real topics."""
+"""The adapter on a car with an engine and an automatic gearbox: torques become pedal and lever, by hand and over real
+topics."""
 
 from __future__ import annotations
 
@@ -38,7 +39,8 @@ def given(*changes: str) -> Scene:
 
 
 def test_a_torque_is_a_position_of_the_pedal_by_the_map():
-    """At 2000 rpm the map of the compact says -20, 80 and 200 N m at 0, 0.3 and 1: 100 N m are a sixth of the way from 0.3 to 1."""
+    """At 2000 rpm the map of the compact says -20, 80 and 200 N m at 0, 0.3 and 1: 100 N m are a sixth of the way from
+    0.3 to 1."""
     box = Gearbox.of(given())
     assert box is not None
     assert box.ratios == pytest.approx([FINAL * gear for gear in GEARS])
@@ -86,7 +88,8 @@ def test_it_shifts_where_the_gearbox_does():
 @pytest.mark.slow
 @pytest.mark.realtime
 def test_autoware_drives_it_forwards_and_backwards(client, simulator, tmp_path):
-    """Park holds it, drive takes it to its speed by the accelerator through gears, reverse back from rest in the reverse gear."""
+    """Park holds it, drive takes it to its speed by the accelerator through gears, reverse back from rest in the
+    reverse gear."""
     where = packages()
     sys.path.insert(0, str(where))
     from autoware_control_msgs.msg import Control
@@ -97,7 +100,9 @@ def test_autoware_drives_it_forwards_and_backwards(client, simulator, tmp_path):
     gears = client.node.create_publisher(GearCommand, '/control/command/gear_cmd', 1)
     control = client.node.create_publisher(Control, '/control/command/control_cmd', 1)
     arguments = ['-p', 'rate:=0.0', '-p', 'steering_ratio:=16.0', '-p', 'command_timeout:=0.0', '-p', 'timeout:=120.0']
-    adapter = Process(tmp_path, [sys.executable, '-m', 'mbd_sim_ros.node.adapter', '--ros-args', *arguments], path=str(where))
+    adapter = Process(
+        tmp_path, [sys.executable, '-m', 'mbd_sim_ros.node.adapter', '--ros-args', *arguments], path=str(where)
+    )
     try:
         client.until(lambda: client.applied and client.applied[-1]['step'] > 5, 150.0)
         client.until(lambda: gears.get_subscription_count() and control.get_subscription_count())
@@ -115,7 +120,8 @@ def test_autoware_drives_it_forwards_and_backwards(client, simulator, tmp_path):
 
         drive(GearCommand.PARK, 5.0, lambda v, now: now['brake_torque'] == 6000.0 and now['gear'] == 0.0)
         parked = len(client.applied) - 1
-        drive(GearCommand.DRIVE, 7.0, lambda v, now: abs(v - 7.0) < 0.1 and now['gear'] == 3.0)  # 25 km/h with hardly any pedal
+        # 25 km/h with hardly any pedal
+        drive(GearCommand.DRIVE, 7.0, lambda v, now: abs(v - 7.0) < 0.1 and now['gear'] == 3.0)
         assert list(dict.fromkeys(row['gear'] for row in client.applied[parked:])) == [0.0, 1.0, 2.0, 3.0]
         assert {row['drive_torque'] for row in client.applied} <= {0.0, -300.0}  # silence before the first demand
         assert max(row['accelerator'] for row in client.applied) > 0.1

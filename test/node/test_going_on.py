@@ -1,4 +1,5 @@
-"""A node that goes on behind a restore, a reset, a pause or the end of a recording has what it had: commands, inputs, steps."""
+"""A node that goes on behind a restore, a reset, a pause or the end of a recording has what it had: commands, inputs,
+steps."""
 
 from __future__ import annotations
 
@@ -43,7 +44,8 @@ def test_a_car_that_was_saved_on_its_brakes_stands_on_them(opened) -> None:
 
 
 def test_what_a_maneuver_holds_holds_for_the_topics_that_go_on_from_its_state(opened, monkeypatch) -> None:
-    """The wheel is where it was, and turns as it did; nobody has commanded anything, so that no command stands in the file."""
+    """The wheel is where it was, and turns as it did; nobody has commanded anything, so that no command stands in the
+    file."""
     from mbd_sim_ros.node import services
 
     monkeypatch.setattr('synthetic.INPUTS', (*INPUTS, 'lock_up', 'brake_torque_rear_left'))
@@ -59,12 +61,15 @@ def test_what_a_maneuver_holds_holds_for_the_topics_that_go_on_from_its_state(op
 
 
 def test_an_angle_of_road_wheels_that_was_commanded_is_reached_behind_a_restore_too(opened, monkeypatch) -> None:
-    """The map: 1 rad of the steering wheel is straight on, and 16 times the angle of the road wheels more. At 20 rad/s the reference of the
-    filter takes 80 ms, 40 steps, for the 1.6 rad to it. Where nothing was commanded the wheel stays where it is."""
+    """The map: 1 rad of the steering wheel is straight on, and 16 times the angle of the road wheels more. At 20 rad/s
+    the reference of the filter takes 80 ms, 40 steps, for the 1.6 rad to it. Where nothing was commanded the wheel
+    stays where it is."""
     from mbd_sim_ros.node import services
 
     plain, mapped = scene, Mapped(of=0.0, points=((-1.0, -15.0), (1.0, 17.0)))
-    monkeypatch.setattr('open_node.scene', lambda **values: plain(**{'actuation': Actuation(steering='road_wheel'), **values}))
+    monkeypatch.setattr(
+        'open_node.scene', lambda **values: plain(**{'actuation': Actuation(steering='road_wheel'), **values})
+    )
     monkeypatch.setattr('mbd_sim_ros.node.driving.steering_map', lambda model: mapped)
     for commands, stands in (((0.1,), 2.6), ((), 0.0)):
         node = opened(mode='lockstep', step_count=1)
@@ -135,7 +140,10 @@ def test_a_recording_that_is_ended_holds_its_last_steps_too(opened, tmp_path: Pa
     from mbd_sim_ros.node import services
 
     plain = scene
-    monkeypatch.setattr('open_node.scene', lambda **values: plain(**{'record': Record(every=10, poses=0.0, elements_rate=0.0), **values}))
+    monkeypatch.setattr(
+        'open_node.scene',
+        lambda **values: plain(**{'record': Record(every=10, poses=0.0, elements_rate=0.0), **values}),
+    )
     node = opened(mode='lockstep', record=True, out='first', step_count=27)
     assert do(node, services.step)[0]
     until(lambda: node.loop.steps == 27)

@@ -1,5 +1,5 @@
-"""What in the ROS graph does not match a node is told by name, once and while it holds; who publishes best effort, or another type that is
-taken, is heard. All goes over the real middleware, between two participants."""
+"""What in the ROS graph does not match a node is told by name, once and while it holds; who publishes best effort, or
+another type that is taken, is heard. All goes over the real middleware, between two participants."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ class Watched:
         return next(one.status[0].message for topic, one in reversed(self._sent) if topic == '/diagnostics')
 
     def until(self, condition: Callable[[str], bool]) -> str:
-        """Look again and again until the diagnostics are so; an endpoint that was made just now has not been discovered yet."""
+        """Look again and again until the diagnostics are so; an endpoint that was made just now has not been discovered
+        yet."""
         end = time.monotonic() + 10.0
         while not condition(status := self.status()):
             assert time.monotonic() < end, status
@@ -70,7 +71,10 @@ def watched(opened, sent, capfd) -> Callable[..., Watched]:
 
 
 def test_a_second_clock_is_told_with_the_node_that_has_it_and_no_more_when_it_is_gone(watched, client) -> None:
-    sentence = '/client publishes /clock too: time jumps back and forth for everybody with use_sim_time; set publish_clock to false'
+    sentence = (
+        '/client publishes /clock too: time jumps back and forth for everybody with use_sim_time; set '
+        'publish_clock to false'
+    )
     one = watched()
     one.quiet('/clock')
     for times in (1, 2):
@@ -85,7 +89,11 @@ def test_a_second_clock_is_told_with_the_node_that_has_it_and_no_more_when_it_is
 
 
 def test_who_publishes_states_too_is_told_once_for_all_of_them_but_not_where_several_may(watched, client) -> None:
-    for topic, kind in (('odom', 'nav_msgs/Odometry'), ('imu', 'sensor_msgs/Imu'), ('joint_states', 'sensor_msgs/JointState')):
+    for topic, kind in (
+        ('odom', 'nav_msgs/Odometry'),
+        ('imu', 'sensor_msgs/Imu'),
+        ('joint_states', 'sensor_msgs/JointState'),
+    ):
         client.node.create_publisher(message(kind), topic, 10)
     one = watched()
     one.tells('/client publishes /imu, /odom too: who listens hears both, mixed; give one of the two a namespace')
@@ -107,7 +115,9 @@ def test_commands_of_another_type_are_told_with_both(case: str, watched, client)
     for publisher in client.commands:  # of the right type, and a participant has one for a topic
         client.node.destroy_publisher(publisher)
     client.node.create_publisher(message(TYPES[case][1]), topic, 1)
-    watched().tells(f'{topic}: /client publishes {found}, this node subscribes to {expected}: no message passes; publish {expected}')
+    watched().tells(
+        f'{topic}: /client publishes {found}, this node subscribes to {expected}: no message passes; publish {expected}'
+    )
 
 
 def test_who_subscribes_to_another_type_or_publishes_one_is_told(watched, client) -> None:
@@ -115,10 +125,13 @@ def test_who_subscribes_to_another_type_or_publishes_one_is_told(watched, client
     client.node.create_publisher(message('geometry_msgs/Twist'), 'imu', 1)
     one = watched()
     one.tells(
-        '/tire_states: /client subscribes to geometry_msgs/msg/PoseStamped, this node publishes sensor_msgs/msg/JointState: '
+        '/tire_states: /client subscribes to geometry_msgs/msg/PoseStamped, this node publishes '
+        'sensor_msgs/msg/JointState: '
         'no message passes; subscribe to sensor_msgs/msg/JointState'
     )
-    one.tells('/imu: /client publishes geometry_msgs/msg/Twist, and this node sensor_msgs/msg/Imu; rename one of the two')
+    one.tells(
+        '/imu: /client publishes geometry_msgs/msg/Twist, and this node sensor_msgs/msg/Imu; rename one of the two'
+    )
 
 
 def qualities() -> dict[str, tuple[str, str, Any, str]]:
@@ -128,13 +141,25 @@ def qualities() -> dict[str, tuple[str, str, Any, str]]:
 
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     often = QoSProfile(depth=1, deadline=Duration(seconds=0.1))
-    alive = QoSProfile(depth=1, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC, liveliness_lease_duration=Duration(seconds=1.0))
+    alive = QoSProfile(
+        depth=1, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC, liveliness_lease_duration=Duration(seconds=1.0)
+    )
     nav = 'nav_msgs/Odometry'
     return {
-        'latched': ('odom', nav, latched, 'volatile publisher and transient local subscription; subscribe reliable, volatile'),
+        'latched': (
+            'odom',
+            nav,
+            latched,
+            'volatile publisher and transient local subscription; subscribe reliable, volatile',
+        ),
         'deadline': ('odom', nav, often, 'subscription has a deadline, but publisher does not; subscribe'),
         'liveliness': ('odom', nav, alive, 'subscription has a liveliness lease duration, but publisher does not'),
-        'reliable clock': ('clock', 'rosgraph_msgs/Clock', 10, 'best effort publisher and reliable subscription; subscribe best effort'),
+        'reliable clock': (
+            'clock',
+            'rosgraph_msgs/Clock',
+            10,
+            'best effort publisher and reliable subscription; subscribe best effort',
+        ),
     }
 
 
@@ -158,14 +183,20 @@ def test_who_asks_for_less_is_not_told(watched, client) -> None:
 
 
 def test_best_effort_commands_are_heard_and_every_message_once(watched, client) -> None:
-    """Beside a reliable publisher, which is heard by the same subscription: depth 1 keeps the newest, so each is waited for."""
+    """Beside a reliable publisher, which is heard by the same subscription: depth 1 keeps the newest, so each is waited
+    for."""
     plain, stamped = message('std_msgs/Float64'), message('sensor_msgs/JointState')
     one = watched()
     joystick = client.node.create_publisher(plain, 'simulator/steering_cmd', best_effort())
     wheel = client.node.create_publisher(plain, 'simulator/steering_cmd', 1)
     answers = client.node.create_publisher(stamped, 'simulator/lockstep_cmd', best_effort())
     one.until(lambda _: joystick.get_subscription_count() == 1 and answers.get_subscription_count() == 1)
-    assert one.log.count('/simulator/steering_cmd: std_msgs/msg/Float64, best effort, as it is published, and what is lost') == 1
+    assert (
+        one.log.count(
+            '/simulator/steering_cmd: std_msgs/msg/Float64, best effort, as it is published, and what is lost'
+        )
+        == 1
+    )
     one.until(lambda _: wheel.get_subscription_count() == 1)  # the one that came before is gone
     loop = one.node.loop
     for heard, (publisher, value) in enumerate(((joystick, 0.25), (wheel, 0.5), (joystick, 0.125), (wheel, -0.5)), 1):
@@ -176,7 +207,9 @@ def test_best_effort_commands_are_heard_and_every_message_once(watched, client) 
     one.until(lambda _: loop.latch.newest.values[2] == 70.0)
     for publisher in (joystick, answers):
         client.node.destroy_publisher(publisher)
-    one.until(lambda _: one.log.count('/simulator/steering_cmd: std_msgs/msg/Float64, reliable, as it is published') == 1)
+    one.until(
+        lambda _: one.log.count('/simulator/steering_cmd: std_msgs/msg/Float64, reliable, as it is published') == 1
+    )
     assert 'hear' not in one.status()
 
 
@@ -187,7 +220,8 @@ def test_who_published_best_effort_before_another_scene_was_loaded_is_heard_behi
     one.until(lambda _: joystick.get_subscription_count() == 1)
     assert one.node.load('another', [])
     end = time.monotonic() + 10.0
-    while one.node.loop.latch.newest.values[1] != 40.0 and time.monotonic() < end:  # nobody looks at the graph meanwhile
+    # nobody looks at the graph meanwhile
+    while one.node.loop.latch.newest.values[1] != 40.0 and time.monotonic() < end:
         joystick.publish(plain(data=40.0))
         time.sleep(0.01)
         one.node.loop.ask(one.node.running.commands.poll).result(5.0)
@@ -197,7 +231,9 @@ def test_who_published_best_effort_before_another_scene_was_loaded_is_heard_behi
 def test_a_best_effort_pose_places_the_car(watched, client) -> None:
     from rclpy.executors import SingleThreadedExecutor
 
-    publisher = client.node.create_publisher(message('geometry_msgs/PoseWithCovarianceStamped'), 'initialpose', best_effort())
+    publisher = client.node.create_publisher(
+        message('geometry_msgs/PoseWithCovarianceStamped'), 'initialpose', best_effort()
+    )
     one = watched()
     one.until(lambda _: publisher.get_subscription_count() > 0)
     pose = message('geometry_msgs/PoseWithCovarianceStamped')()
@@ -217,7 +253,9 @@ def test_a_look_at_a_graph_that_stays_asks_for_one_topic(watched, client, monkey
     from rclpy.node import Node
 
     one = watched()
-    one.until(lambda _: len(one.node._graph._seen) > 10 and not any(seen.again for seen in one.node._graph._seen.values()))
+    one.until(
+        lambda _: len(one.node._graph._seen) > 10 and not any(seen.again for seen in one.node._graph._seen.values())
+    )
     one.quiet('nothing')
     asked: list[str] = []
     for name in ('get_publishers_info_by_topic', 'get_subscriptions_info_by_topic'):
@@ -280,7 +318,9 @@ def test_cmd_vel_is_taken_in_the_type_that_is_published(adapter, client, capfd) 
     client.node.destroy_publisher(joystick)
     joystick = client.node.create_publisher(plain, 'cmd_vel', best_effort())
     drive(joystick, plain, 4.0)
-    assert '/cmd_vel: geometry_msgs/msg/Twist, best effort, as it is published, and what is lost' in capfd.readouterr().err
+    assert (
+        '/cmd_vel: geometry_msgs/msg/Twist, best effort, as it is published, and what is lost' in capfd.readouterr().err
+    )
     import rclpy
 
     context = rclpy.Context()
@@ -294,7 +334,8 @@ def test_cmd_vel_is_taken_in_the_type_that_is_published(adapter, client, capfd) 
             nonlocal said
             said += capfd.readouterr().err
             return (
-                '/cmd_vel: /other publishes geometry_msgs/msg/TwistStamped, this node subscribes to geometry_msgs/msg/Twist: '
+                '/cmd_vel: /other publishes geometry_msgs/msg/TwistStamped, this node subscribes to '
+                'geometry_msgs/msg/Twist: '
                 'no message passes; publish geometry_msgs/msg/Twist'
             ) in said
 

@@ -1,4 +1,5 @@
-"""simulation_interfaces over real services and an action, with stand-ins of the package; scenes loaded while the node runs; placing."""
+"""simulation_interfaces over real services and an action, with stand-ins of the package; scenes loaded while the node
+runs; placing."""
 
 from __future__ import annotations
 
@@ -44,7 +45,9 @@ def put(client, **parameters: object) -> None:
     from rclpy.parameter import Parameter
 
     wanted = [Parameter(name, value=value).to_parameter_msg() for name, value in parameters.items()]
-    assert all(result.successful for result in caller(client)(SetParameters, 'set_parameters', parameters=wanted).results)
+    assert all(
+        result.successful for result in caller(client)(SetParameters, 'set_parameters', parameters=wanted).results
+    )
 
 
 def test_another_scene_is_loaded_without_a_restart(start, client, tmp_path):
@@ -136,7 +139,14 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     sys.path.insert(0, str(where))
     from rclpy.action import ActionClient
     from simulation_interfaces.action import SimulateSteps
-    from simulation_interfaces.msg import EntityFilters, EntityState, Resource, Result, SimulationState, SimulatorFeatures
+    from simulation_interfaces.msg import (
+        EntityFilters,
+        EntityState,
+        Resource,
+        Result,
+        SimulationState,
+        SimulatorFeatures,
+    )
     from simulation_interfaces.srv import (
         GetEntities,
         GetEntityState,
@@ -153,7 +163,11 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     client.until(lambda: client.applied)  # services are found earlier than topics when the machine is busy
     call = caller(client)
     found = set(call(GetSimulatorFeatures, 'get_simulator_features').features.features)
-    assert {SimulatorFeatures.SIMULATION_STATE_PAUSE, SimulatorFeatures.STEP_SIMULATION_ACTION, SimulatorFeatures.WORLD_LOADING} <= found
+    assert {
+        SimulatorFeatures.SIMULATION_STATE_PAUSE,
+        SimulatorFeatures.STEP_SIMULATION_ACTION,
+        SimulatorFeatures.WORLD_LOADING,
+    } <= found
     assert not found & {SimulatorFeatures.SPAWNING, SimulatorFeatures.ENTITY_TAGS}
 
     def state() -> int:
@@ -164,7 +178,8 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
 
     assert state() == SimulationState.STATE_PLAYING
     assert set_state(SimulationState.STATE_PLAYING) == SetSimulationState.Response.ALREADY_IN_TARGET_STATE
-    assert call(StepSimulation, 'step_simulation', steps=3).result.result == Result.RESULT_OPERATION_FAILED  # it is not paused
+    # it is not paused
+    assert call(StepSimulation, 'step_simulation', steps=3).result.result == Result.RESULT_OPERATION_FAILED
     assert set_state(SimulationState.STATE_STOPPED) == Result.RESULT_OK
     assert state() == SimulationState.STATE_STOPPED
     client.until(lambda: client.applied and client.applied[-1]['step'] == 0)
@@ -175,9 +190,12 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     action = ActionClient(client.node, SimulateSteps, 'simulator/simulate_steps')
     client.until(action.server_is_ready)
     told: list[int] = []
-    sent = action.send_goal_async(SimulateSteps.Goal(steps=2000), feedback_callback=lambda m: told.append(m.feedback.completed_steps))
+    sent = action.send_goal_async(
+        SimulateSteps.Goal(steps=2000), feedback_callback=lambda m: told.append(m.feedback.completed_steps)
+    )
     client.until(sent.done)
-    client.until(lambda: told and told[-1] == 2000)  # before the result is asked for: with it the client stops listening
+    # before the result is asked for: with it the client stops listening
+    client.until(lambda: told and told[-1] == 2000)
     assert told == sorted(told) and len(told) > 5
     result = sent.result().get_result_async()
     client.until(result.done)
@@ -202,7 +220,10 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
 
     assert call(GetEntities, 'get_entities', filters=EntityFilters()).entities == ['subframe', 'chassis', 'wheel']
     assert call(GetEntities, 'get_entities', filters=EntityFilters(filter='^wh')).entities == ['wheel']
-    assert call(GetEntities, 'get_entities', filters=EntityFilters(filter='(')).result.result == Result.RESULT_OPERATION_FAILED
+    assert (
+        call(GetEntities, 'get_entities', filters=EntityFilters(filter='(')).result.result
+        == Result.RESULT_OPERATION_FAILED
+    )
     got = call(GetEntityState, 'get_entity_state', entity='chassis').state
     client.until(lambda: client.odom)
     assert got.header.frame_id == 'odom' and np.isnan(got.acceleration.linear.x)
@@ -210,11 +231,17 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     assert call(GetEntityState, 'get_entity_state', entity='nobody').result.result == Result.RESULT_NOT_FOUND
     place = EntityState()
     place.pose.position.x, place.pose.orientation.z, place.pose.orientation.w = 30.0, math.sqrt(0.5), math.sqrt(0.5)
-    assert call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_pose=True).result.result == Result.RESULT_OK
+    assert (
+        call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_pose=True).result.result
+        == Result.RESULT_OK
+    )
     client.until(lambda: 'placed at x = 30.000 m, y = 0.000 m, heading 90.00 deg' in process.output)
-    for frame, code in (('base_link', 101), ('world', Result.RESULT_OK)):  # their name of the frame that is meant where none is given
+    # their name of the frame that is meant where none is given
+    for frame, code in (('base_link', 101), ('world', Result.RESULT_OK)):
         place.header.frame_id = frame
-        assert call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_pose=True).result.result == code
+        assert (
+            call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_pose=True).result.result == code
+        )
     place.pose.orientation.z = place.pose.orientation.w = 0.0
     assert call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_pose=True).result.result == 101
     assert call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_twist=True).result.result == 0
@@ -222,7 +249,10 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     client.until(lambda: client.applied[-1]['step'] >= step)
     last = client.applied[-1]['step']
     client.applied.clear()
-    assert call(ResetSimulation, 'reset_simulation', scope=ResetSimulation.Request.SCOPE_STATE).result.result == Result.RESULT_OK
+    assert (
+        call(ResetSimulation, 'reset_simulation', scope=ResetSimulation.Request.SCOPE_STATE).result.result
+        == Result.RESULT_OK
+    )
     client.until(lambda: client.applied)
     assert client.applied[-1]['step'] >= last  # time went on
     assert call(ResetSimulation, 'reset_simulation').result.result == Result.RESULT_OK
@@ -233,7 +263,10 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     assert loaded.result.result == Result.RESULT_OK and loaded.world.name == 'second'
     assert state() == SimulationState.STATE_STOPPED
     assert call(LoadWorld, 'load_world').result.result == LoadWorld.Response.NO_RESOURCE
-    assert call(LoadWorld, 'load_world', world_resource=Resource(uri='nothing')).result.result == LoadWorld.Response.RESOURCE_PARSE_ERROR
+    assert (
+        call(LoadWorld, 'load_world', world_resource=Resource(uri='nothing')).result.result
+        == LoadWorld.Response.RESOURCE_PARSE_ERROR
+    )
     set_state(SimulationState.STATE_QUITTING)
     assert process.end() == 0, process.output
     assert 'Traceback' not in process.output

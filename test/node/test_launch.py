@@ -1,4 +1,5 @@
-"""The launch file, read with stand-ins for the launch packages (which come with ROS only): nodes, parameters and arguments exist."""
+"""The launch file, read with stand-ins for the launch packages (which come with ROS only): nodes, parameters and
+arguments exist."""
 
 from __future__ import annotations
 
@@ -76,7 +77,9 @@ def test_launch_file_starts_what_is_installed(description: SimpleNamespace) -> N
 
 
 def test_arguments_are_declared_with_defaults_and_reach_parameters_that_exist(description: SimpleNamespace) -> None:
-    parameters = pytest.importorskip('mbd_sim_ros.node.parameters', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    parameters = pytest.importorskip(
+        'mbd_sim_ros.node.parameters', reason='needs ROS: source Jazzy, or pip install .[ros]'
+    )
     declared = {entity.args[0]: entity for entity in description.args[0] if entity.kind == 'DeclareLaunchArgument'}
     everything = {'scene': 'x', 'mode': 'fast', 'rate_factor': '2.0', 'duration': '1.0', 'record': 'true'}
     simulator, player, _ = of_function(description, 'nodes', **everything)
@@ -94,7 +97,8 @@ def test_arguments_are_declared_with_defaults_and_reach_parameters_that_exist(de
 
 
 def test_what_no_argument_says_is_as_in_the_parameter_file(description: SimpleNamespace) -> None:
-    """Parameters behind a file go before it: a default among them would undo `record: true` of the user's own file unsaid."""
+    """Parameters behind a file go before it: a default among them would undo `record: true` of the user's own file
+    unsaid."""
     assert of_function(description, 'nodes', scene='x', params='mine.yaml')[0].parameters[1].keys() == {'scene'}
     assert of_function(description, 'nodes', scene='x', record='false')[0].parameters[1].keys() == {'scene', 'record'}
 
@@ -137,7 +141,9 @@ def test_the_launch_fails_when_the_simulator_has_failed(description: SimpleNames
         handler.on_exit(SimpleNamespace(returncode=code), None)
 
 
-def test_viewers_are_started_when_they_are_wanted_and_installed(description: SimpleNamespace, installed: dict[str, str]) -> None:
+def test_viewers_are_started_when_they_are_wanted_and_installed(
+    description: SimpleNamespace, installed: dict[str, str]
+) -> None:
     assert of_function(description, 'viewers', rviz='false') == []
     (said,) = of_function(description, 'viewers', rviz='true')
     assert said.kind == 'LogInfo' and said.msg.startswith('rviz:=true, but rviz2 is not installed: install')
@@ -145,11 +151,14 @@ def test_viewers_are_started_when_they_are_wanted_and_installed(description: Sim
     rviz, bridge = of_function(description, 'viewers', rviz='true', foxglove='True', namespace='car1')
     assert (rviz.executable, bridge.executable) == ('rviz2', 'foxglove_bridge')
     assert rviz.namespace == bridge.namespace == 'car1'
-    assert rviz.parameters == bridge.parameters == [{'use_sim_time': True}]  # or a reset would be shown once it has been caught up
+    # or a reset would be shown once it has been caught up
+    assert rviz.parameters == bridge.parameters == [{'use_sim_time': True}]
     assert ROOT.joinpath(*rviz.arguments[1].args[0][1:]).is_file()
 
 
-def test_nodes_keep_to_this_machine_unless_it_is_decided_otherwise(description: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nodes_keep_to_this_machine_unless_it_is_decided_otherwise(
+    description: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delenv('ROS_AUTOMATIC_DISCOVERY_RANGE', raising=False)
     (setting,) = of_function(description, 'discovery')
     assert setting.args == ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')

@@ -27,7 +27,9 @@ def published() -> dict[str, dict]:
     messages = Messages(names)
     encoded = messages.encode(snapshot(names), whole=True)
     return {
-        t.name.strip('/'): decode(t.type, schema_text(t.type), data)[0] for t, data in zip(messages.topics, encoded, strict=True) if data
+        t.name.strip('/'): decode(t.type, schema_text(t.type), data)[0]
+        for t, data in zip(messages.topics, encoded, strict=True)
+        if data
     }
 
 

@@ -23,8 +23,8 @@ __all__ = ['client', 'simulator', 'start']  # fixtures
 
 STEPS = 150
 
-# Answers every state it gets, repeated ones too; its answers depend on the state. argv: steps before which it naps until
-# states have been repeated.
+# Answers every state it gets, repeated ones too; its answers depend on the state. argv: steps before which it naps
+# until states have been repeated.
 CONTROLLER = """
 import math, sys, time
 import rclpy
@@ -53,7 +53,8 @@ rclpy.spin(node)
 @contextmanager
 def both_cores_busy() -> Iterator[None]:
     busy = [
-        subprocess.Popen([sys.executable, '-c', 'import time\nend = time.time() + 120\nwhile time.time() < end: pass']) for _ in range(2)
+        subprocess.Popen([sys.executable, '-c', 'import time\nend = time.time() + 120\nwhile time.time() < end: pass'])
+        for _ in range(2)
     ]
     try:
         yield
@@ -65,7 +66,8 @@ def both_cores_busy() -> Iterator[None]:
 
 @pytest.mark.slow
 def test_a_controller_that_naps_on_a_busy_machine_gives_the_same_run_twice(start, tmp_path: Path) -> None:
-    """The machine is busy from when the simulator waits for its first command: until then it only takes longer to get there."""
+    """The machine is busy from when the simulator waits for its first command: until then it only takes longer to get
+    there."""
     runs = []
     for name, naps in (('first', ('40', '90')), ('again', ('5', '120'))):
         process = start({'mode': 'lockstep', 'duration': STEPS * 0.002, 'record': True, 'out': name})
@@ -76,13 +78,16 @@ def test_a_controller_that_naps_on_a_busy_machine_gives_the_same_run_twice(start
                 assert process.end(120.0) == 0, process.output + controller.output
             finally:
                 controller.kill()
-        assert 'lockstep_cmd answers t = ' in process.output  # repeated states were answered more than once, and that was seen
+        # repeated states were answered more than once, and that was seen
+        assert 'lockstep_cmd answers t = ' in process.output
         runs.append(bag.read(tmp_path / name))
     run = runs[0]
     np.testing.assert_array_equal(run['cmd_applied/step'], np.arange(STEPS + 1.0))
     drive = run['cmd_applied/drive_torque']
     np.testing.assert_array_equal(drive[1:], 100.0 * np.sin(np.arange(STEPS)))
-    np.testing.assert_array_equal(run['cmd_applied/brake_torque'][1:], 2.0 * np.arange(STEPS) + 0.5 * np.abs(drive[:-1]))
+    np.testing.assert_array_equal(
+        run['cmd_applied/brake_torque'][1:], 2.0 * np.arange(STEPS) + 0.5 * np.abs(drive[:-1])
+    )
     assert run.columns.keys() == runs[1].columns.keys()
     for name, values in run.columns.items():
         np.testing.assert_array_equal(values, runs[1][name], err_msg=name)
@@ -155,7 +160,8 @@ def test_an_answer_makes_so_many_steps_and_the_states_between_are_not_waited_for
     client.until(lambda: client.applied and joints)
     controller = Process(tmp_path, [sys.executable, '-c', CONTROLLER])
     try:
-        client.until(lambda: client.applied[-1]['step'] >= STEPS - 10 and len(set(joints)) > STEPS - 20, 30.0)  # the last may be lost
+        # the last may be lost
+        client.until(lambda: client.applied[-1]['step'] >= STEPS - 10 and len(set(joints)) > STEPS - 20, 30.0)
         assert process.end() == 0, process.output + controller.output
     finally:
         controller.kill()
@@ -171,12 +177,17 @@ def test_an_answer_makes_so_many_steps_and_the_states_between_are_not_waited_for
 
 
 @pytest.mark.slow
-def test_a_controller_at_100_hz_drives_a_car_at_1_khz_the_same_way_every_time_and_it_can_be_replayed(simulator, tmp_path: Path) -> None:
-    """It ends at 0.287 s, in the middle of an answer; inputs of all steps are recorded, those of the states between too."""
+def test_a_controller_at_100_hz_drives_a_car_at_1_khz_the_same_way_every_time_and_it_can_be_replayed(
+    simulator, tmp_path: Path
+) -> None:
+    """It ends at 0.287 s, in the middle of an answer; inputs of all steps are recorded, those of the states between
+    too."""
     runs = []
     for name in ('first', 'again'):
         record = {'duration': 0.287, 'record': True, 'out': name}
-        process = simulator(scene='light_car_straight', overrides=['integrator.h=0.001'], mode='lockstep', lockstep_every=10, **record)
+        process = simulator(
+            scene='light_car_straight', overrides=['integrator.h=0.001'], mode='lockstep', lockstep_every=10, **record
+        )
         process.wait_for('running light_car_straight')
         controller = Process(tmp_path, [sys.executable, '-c', CONTROLLER])
         try:

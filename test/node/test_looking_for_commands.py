@@ -1,4 +1,5 @@
-"""How often the simulation thread looks into the topics of commands: 20 us that a step of a small model does not have."""
+"""How often the simulation thread looks into the topics of commands: 20 us that a step of a small model does not
+have."""
 
 from __future__ import annotations
 
@@ -18,7 +19,9 @@ __all__ = ['client']  # a fixture
 
 
 @pytest.mark.parametrize(('mode', 'looks'), [('realtime', 100), ('lockstep', 1000)])
-def test_of_nobody_known_commands_are_looked_for_a_hundred_times_a_second_and_then_every_step(client, monkeypatch, mode, looks):
+def test_of_nobody_known_commands_are_looked_for_a_hundred_times_a_second_and_then_every_step(
+    client, monkeypatch, mode, looks
+):
     """A second of steps of 1 ms, then somebody publishes. Lockstep waits for answers and always looks."""
     from mbd_sim_ros.node import commands as module
 

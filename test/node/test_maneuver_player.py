@@ -57,7 +57,8 @@ def test_in_lockstep_every_command_is_that_of_its_instant_and_runs_repeat_bit_fo
     expected = np.array([played.commands(t) for t in run.time[:-1]])
     np.testing.assert_array_equal(run['cmd_applied/drive_torque'][1:], expected[:, 1])
     np.testing.assert_array_equal(run['cmd_applied/brake_torque'][1:], expected[:, 2])
-    assert run['cmd_applied/steering'][-1] == pytest.approx(0.5, abs=0.01)  # behind the filter, 0.2 s after the step has ended
+    # behind the filter, 0.2 s after the step has ended
+    assert run['cmd_applied/steering'][-1] == pytest.approx(0.5, abs=0.01)
     for name, values in run.columns.items():
         np.testing.assert_array_equal(values, runs[1][name], err_msg=name)
 
@@ -82,7 +83,8 @@ def test_in_real_time_commands_follow_within_a_few_steps(start, tmp_path, maneuv
 
 @pytest.mark.parametrize('steering', ['angle', 'torque', 'road_wheel'])
 def test_no_angle_is_sent_to_a_car_that_takes_none(steering: str, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A maneuver that does not steer has an angle of 0; where that is no command the whole message would be refused, brakes and all."""
+    """A maneuver that does not steer has an angle of 0; where that is no command the whole message would be refused,
+    brakes and all."""
     rclpy = pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     from mbd_sim_ros.node.maneuver_node import Player
     from mbd_sim_ros.node.maneuver_player import PARAMETERS
@@ -102,8 +104,11 @@ def test_no_angle_is_sent_to_a_car_that_takes_none(steering: str, tmp_path, monk
 
 
 @pytest.mark.parametrize('steered', [False, True])
-def test_a_car_without_an_angle_to_steer_is_found_and_sent_none(steered: bool, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever plays a file knows no scene: the player ended with its first answer, as if the simulator had, and that answer was refused."""
+def test_a_car_without_an_angle_to_steer_is_found_and_sent_none(
+    steered: bool, tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever plays a file knows no scene: the player ended with its first answer, as if the simulator had, and that
+    answer was refused."""
     rclpy = pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     from std_msgs.msg import Float64
 
@@ -119,7 +124,11 @@ def test_a_car_without_an_angle_to_steer_is_found_and_sent_none(steered: bool, t
             car.create_subscription(Float64, f'simulator/{name}', lambda _: None, 1)
         player, sent = Player(PARAMETERS), []
         end = time.monotonic() + 20.0
-        while car.count_publishers('simulator/torque_cmd') == 0 or not player._found() or player._listened('steering') != steered:
+        while (
+            car.count_publishers('simulator/torque_cmd') == 0
+            or not player._found()
+            or player._listened('steering') != steered
+        ):
             assert time.monotonic() < end
             time.sleep(0.01)
         monkeypatch.setattr(player, '_stamped', SimpleNamespace(get_subscription_count=lambda: 1, publish=sent.append))
@@ -134,7 +143,8 @@ def test_a_car_without_an_angle_to_steer_is_found_and_sent_none(steered: bool, t
 
 
 class Simulator:
-    """Stands in for the simulator: states go out when told, brake commands come in with the clock reading of their arrival."""
+    """Stands in for the simulator: states go out when told, brake commands come in with the clock reading of their
+    arrival."""
 
     def __init__(self, rclpy, context):
         from rclpy.executors import SingleThreadedExecutor

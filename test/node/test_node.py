@@ -57,7 +57,9 @@ def priorities(pid: int) -> list[int]:
 
 
 def children(pid: int) -> list[int]:
-    return [int(child) for task in Path(f'/proc/{pid}/task').iterdir() for child in (task / 'children').read_text().split()]
+    return [
+        int(child) for task in Path(f'/proc/{pid}/task').iterdir() for child in (task / 'children').read_text().split()
+    ]
 
 
 def test_in_real_time_the_simulation_stands_above_all_other_threads(start, client):
@@ -69,7 +71,8 @@ def test_in_real_time_the_simulation_stands_above_all_other_threads(start, clien
         pytest.skip('needs Linux and the permission to use real-time priorities')
     process = start({'realtime_priority': 7})
     client.until(lambda: client.applied)
-    assert client.call('start_recording').success  # by the thread of the simulation: its process must not have the priority
+    # by the thread of the simulation: its process must not have the priority
+    assert client.call('start_recording').success
     client.until(lambda: children(process.process.pid))
     (recording,) = children(process.process.pid)
     client.until(lambda: os.sched_getscheduler(recording) == os.SCHED_OTHER)
@@ -146,7 +149,13 @@ def test_wrong_parameters_are_refused_in_one_sentence(start, parameters, sentenc
 def test_without_rclpy_it_says_how_to_get_it(tmp_path):
     code = "import sys; sys.modules['rclpy'] = None; from mbd_sim_ros.node.main import main; sys.exit(main([]))"
     done = subprocess.run(
-        [sys.executable, '-c', code], cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, '-c', code],
+        cwd=ROOT,
+        env=dict(os.environ),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
     assert done.returncode == 2
     assert done.stderr.startswith('simulator: rclpy is missing') and done.stderr.count('\n') == 1
@@ -155,14 +164,22 @@ def test_without_rclpy_it_says_how_to_get_it(tmp_path):
 def test_recording_and_reading_do_not_need_rclpy():
     code = (
         "import sys; sys.modules['rclpy'] = None\n"
-        'import mbd_sim_ros.messages.encode, mbd_sim_ros.bags.recorder, mbd_sim_ros.bags.reader, mbd_sim_ros.node.loop\n'
+        'import mbd_sim_ros.messages.encode, mbd_sim_ros.bags.recorder, mbd_sim_ros.bags.reader, '
+        'mbd_sim_ros.node.loop\n'
         "assert not any(name.startswith(('sensor_msgs', 'rosidl')) for name in sys.modules)"
     )
     subprocess.run([sys.executable, '-c', code], cwd=ROOT, env=dict(os.environ), timeout=60, check=True)
 
 
 def test_commands_are_latched_clamped_refused_and_watched(start, client):
-    process = start({'command_timeout': 0.3, 'max_steering': 2.0, 'max_drive_torque': 100.0, 'robot_description': '<robot name="r"/>'})
+    process = start(
+        {
+            'command_timeout': 0.3,
+            'max_steering': 2.0,
+            'max_drive_torque': 100.0,
+            'robot_description': '<robot name="r"/>',
+        }
+    )
     client.ready()
     client.until(lambda: client.applied)
     assert client.applied[-1]['drive_torque'] == 0.0
@@ -175,24 +192,40 @@ def test_commands_are_latched_clamped_refused_and_watched(start, client):
     client.until(lambda: client.applied[-1]['drive_torque'] == 0.0)  # too old: the torque goes
     last = client.applied[-1]
     assert last['brake_torque'] == 30.0 and abs(last['steering'] - 2.0) < 1e-3  # the rest holds
-    client.until(lambda: any(a.status[0].message.startswith('drive torque command is too old') for a in client.diagnostics))
+    client.until(
+        lambda: any(a.status[0].message.startswith('drive torque command is too old') for a in client.diagnostics)
+    )
     client.send(1, 40.0)
     client.until(lambda: client.applied[-1]['drive_torque'] == 40.0)  # and recovers
     client.send(2, -1.0)
     client.until(lambda: client.applied[-1]['brake_torque'] == 0.0)  # there is no negative braking
     process.process.send_signal(signal.SIGTERM)
     assert process.end() == 0
-    for text in ('steering_cmd: 5 is beyond the limit', 'brake_cmd: nan is not a number', 'torque_cmd: inf is not a number'):
+    for text in (
+        'steering_cmd: 5 is beyond the limit',
+        'brake_cmd: nan is not a number',
+        'torque_cmd: inf is not a number',
+    ):
         assert text in process.output
     steps = [a['step'] for a in client.applied]
     assert np.all(np.diff(steps) >= 1.0)
     values = {v.key: v.value for v in client.diagnostics[-1].status[0].values}
-    assert {'real-time factor', 'overruns', 'step time p99 [ms]', 'residual', 'command age [s]', 'recorder lag [steps]'} <= values.keys()
+    assert {
+        'real-time factor',
+        'overruns',
+        'step time p99 [ms]',
+        'residual',
+        'command age [s]',
+        'recorder lag [steps]',
+    } <= values.keys()
     assert 'mbd run' in values['numerical error']  # measured on this machine, or how it is
     # a machine that is busy elsewhere makes it slower, and then it says so
     from mbd_sim_ros.node.diagnostics import SLOW
 
-    slow, factor = 'slower than real time' in client.diagnostics[-1].status[0].message, float(values['real-time factor'])
+    slow, factor = (
+        'slower than real time' in client.diagnostics[-1].status[0].message,
+        float(values['real-time factor']),
+    )
     assert 0.0 < factor <= SLOW if slow else SLOW <= factor < 1.5
     stamp = client.diagnostics[-1].header.stamp  # the time of day: a node that has fallen silent is told by it
     assert abs(stamp.sec - time.time()) < 60.0
@@ -232,7 +265,9 @@ def test_services_act_between_steps(start, client, tmp_path):
     client.until(lambda: client.applied[-1]['step'] < k)
     process.process.send_signal(signal.SIGINT)
     assert process.end() == 0, process.output
-    again = start({'restore': saved.message, 'mode': 'fast', 'duration': (k + 50) * 0.002, 'record': True, 'out': 'again'})
+    again = start(
+        {'restore': saved.message, 'mode': 'fast', 'duration': (k + 50) * 0.002, 'record': True, 'out': 'again'}
+    )
     assert again.end() == 0, again.output
     assert bag.read(tmp_path / 'again')['cmd_applied/step'][0] == k + 5.0
 
@@ -277,7 +312,9 @@ def test_parameters_are_described_guarded_and_load_again(start, client, tmp_path
     assert described['rate_factor'].floating_point_range[0].to_value == 1000.0
 
     def put(name, value):
-        return ask(SetParameters, 'set_parameters', parameters=[Parameter(name, value=value).to_parameter_msg()]).results[0]
+        return ask(
+            SetParameters, 'set_parameters', parameters=[Parameter(name, value=value).to_parameter_msg()]
+        ).results[0]
 
     assert put('rate_factor', 2.0).successful
     assert 'fixed while the node runs' in put('frame_prefix', 'other/').reason
@@ -288,7 +325,9 @@ def test_parameters_are_described_guarded_and_load_again(start, client, tmp_path
     service = client.node.create_client(SetParameters, 'simulator/set_parameters')
     client.until(service.service_is_ready)
     service.call_async(SetParameters.Request(parameters=[nobody_knows]))
-    client.until(lambda: 'a request cannot be handled and is left unanswered: 77 is not a valid Parameter.Type' in process.output)
+    client.until(
+        lambda: 'a request cannot be handled and is left unanswered: 77 is not a valid Parameter.Type' in process.output
+    )
     assert put('rate_factor', 1.5).successful  # the simulation goes on
     values = [parameter_value_to_python(v) for v in ask(GetParameters, 'get_parameters', names=names).values]
     dump = {n: list(v) if isinstance(v, (list, tuple)) else v for n, v in zip(names, values, strict=True)}
@@ -338,7 +377,10 @@ def test_a_parameter_file_that_is_missing_or_broken_is_one_sentence(tmp_path):
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     (tmp_path / 'broken.yaml').write_text('a: [1\n  b')
     for name, words in (('missing.yaml', 'is not there'), ('broken.yaml', 'broken.yaml')):
-        process = Process(tmp_path, [sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', '--params-file', str(tmp_path / name)])
+        process = Process(
+            tmp_path,
+            [sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', '--params-file', str(tmp_path / name)],
+        )
         assert process.end() == 2, process.output
         said = [line for line in process.output.splitlines() if not line.startswith('[')]  # rcl logs on its own
         assert len(said) == 1 and words in said[0], process.output
@@ -354,11 +396,15 @@ def test_a_place_where_nothing_can_be_recorded_is_one_sentence(start, out):
 
 
 def test_service_calls_are_logged_and_steps_need_a_pause(start, client):
-    """Steps may be asked for a thousand times a second: one that was made is logged at DEBUG, and one that is refused as a warning."""
+    """Steps may be asked for a thousand times a second: one that was made is logged at DEBUG, and one that is refused
+    as a warning."""
     process = start()
     client.ready()
     refused = client.call('step')
-    assert not refused.success and 'the simulation is running (mode realtime): call ~/pause before ~/step' in refused.message
+    assert (
+        not refused.success
+        and 'the simulation is running (mode realtime): call ~/pause before ~/step' in refused.message
+    )
     assert client.call('pause').success and client.call('step').success
     process.process.terminate()
     assert process.end() == 0
@@ -382,7 +428,9 @@ def test_a_missing_torque_command_is_said_once(start, client):
 
 
 def test_every_parameter_is_in_the_parameter_file_and_in_its_page():
-    parameters = pytest.importorskip('mbd_sim_ros.node.parameters', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    parameters = pytest.importorskip(
+        'mbd_sim_ros.node.parameters', reason='needs ROS: source Jazzy, or pip install .[ros]'
+    )
     page = (ROOT / 'docs' / 'ros.md').read_text()
     text = (ROOT / 'config' / 'node.yaml').read_text()
     given = yaml.safe_load(text)['/**']['ros__parameters']

@@ -74,7 +74,10 @@ def test_colcon_builds_it(source, tmp_path, options):
         assert (prefix / 'share' / 'mbd_sim_ros' / name).is_file()
     assert (prefix / 'share/ament_index/resource_index/packages/mbd_sim_ros').is_file()
     setup = f'source {tmp_path}/install/local_setup.bash && exec "$@"'
-    assert run(['bash', '-c', setup, '-', sys.executable, '-c', CHECK, str(tmp_path)], tmp_path / 'log', PYTHONPATH='') == 'pendulum\n'
+    assert (
+        run(['bash', '-c', setup, '-', sys.executable, '-c', CHECK, str(tmp_path)], tmp_path / 'log', PYTHONPATH='')
+        == 'pendulum\n'
+    )
 
 
 @pytest.mark.slow
@@ -102,11 +105,18 @@ def test_pip_installs_it_without_ros(source, tmp_path):
     assert 'mbd COMMAND --help' in run([str(python.parent / 'mbd'), '--help'], tmp_path / 'venv', PYTHONPATH='')
     assert not (Path(site) / 'test').exists() and not (Path(site) / 'config').exists()
     lab = Path(site) / 'mbd_sim_ros' / 'lab'
-    assert (lab / 'studies' / 'trade.py').exists() and not (lab / 'mechanisms').exists() and not list(lab.rglob('*.csv'))
+    assert (
+        (lab / 'studies' / 'trade.py').exists() and not (lab / 'mechanisms').exists() and not list(lab.rglob('*.csv'))
+    )
     shown = run([str(python.parent / 'mbd'), 'study', '--help'], tmp_path / 'venv', PYTHONPATH='')
-    assert re.search(r'^  trade +\w', shown, re.MULTILINE) and 'in a checkout of the source only:\n  slider_crank, ' in shown
+    assert (
+        re.search(r'^  trade +\w', shown, re.MULTILINE)
+        and 'in a checkout of the source only:\n  slider_crank, ' in shown
+    )
     words, own = [str(python.parent / 'mbd'), 'study', 'stability'], {**os.environ, 'PYTHONPATH': ''}
-    done = subprocess.run(words, cwd=tmp_path / 'venv', env=own, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        words, cwd=tmp_path / 'venv', env=own, capture_output=True, text=True, timeout=60, check=False
+    )
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     assert "study 'stability': proves the program to itself and is not installed; run it in a checkout" in done.stderr
 
@@ -135,7 +145,9 @@ def test_what_is_installed_imports_nothing_that_is_not():
         for node in ast.walk(ast.parse(path.read_bytes())):
             found = [f'{node.module}.{alias.name}' for alias in node.names] if isinstance(node, ast.ImportFrom) else []
             for name in [*found, *(one.rpartition('.')[0] for one in found)]:
-                assert not (ROOT / Path(*name.split('.'))).with_suffix('.py').exists() or is_installed(name), f'{module} imports {name}'
+                assert not (ROOT / Path(*name.split('.'))).with_suffix('.py').exists() or is_installed(name), (
+                    f'{module} imports {name}'
+                )
     assert lines[False] > lines[True] > 1000
 
 
@@ -154,7 +166,11 @@ def test_manifest_names_what_is_imported():
                 else []
             )
             imported |= {name.split('.')[0] for name in names}
-    ros = {name for name in imported if name.endswith(('_msgs', '_srvs', 'rclpy')) or name in ('launch', 'launch_ros', 'rcl_interfaces')}
+    ros = {
+        name
+        for name in imported
+        if name.endswith(('_msgs', '_srvs', 'rclpy')) or name in ('launch', 'launch_ros', 'rcl_interfaces')
+    }
     assert ros <= declared
     assert {'rclpy', 'sensor_msgs', 'launch_ros'} <= ros
     assert manifest.findtext('export/build_type') == 'ament_python'
@@ -171,7 +187,10 @@ def test_manifest_has_a_key_for_all_that_pip_installs():
 
 def test_what_is_installed_is_in_the_ranges_that_have_been_tested():
     """And the ranges are closed: what is newer has not been tested."""
-    ranges = {name: (low, high) for name, low, high in (re.fullmatch(RANGE, text).groups() for text in requirements() if '>=' in text)}
+    ranges = {
+        name: (low, high)
+        for name, low, high in (re.fullmatch(RANGE, text).groups() for text in requirements() if '>=' in text)
+    }
     assert {'numba', 'llvmlite', 'numpy', 'scipy', 'mcap'} <= ranges.keys()
     for name, (low, high) in ranges.items():
         assert number(low) <= number(version(name)) < number(high), name

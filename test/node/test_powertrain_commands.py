@@ -1,4 +1,5 @@
-"""Pedals and gear of a car whose engine turns, over real topics: limits, gears that there are, the watchdog, lockstep, replays, players."""
+"""Pedals and gear of a car whose engine turns, over real topics: limits, gears that there are, the watchdog, lockstep,
+replays, players."""
 
 from __future__ import annotations
 
@@ -56,12 +57,18 @@ def test_pedals_and_gear_are_commands_of_a_car_that_has_them(scene):
 
 @pytest.mark.slow
 def test_pedals_and_gear_over_topics_in_lockstep(client, simulator, scene, tmp_path):
-    """What is beyond a pedal is clamped, a gear that there is not is refused; before a command gear and clutch are those of the scene and
-    the accelerator is zero; an old accelerator counts as zero, and gear and clutch hold."""
+    """What is beyond a pedal is clamped, a gear that there is not is refused; before a command gear and clutch are
+    those of the scene and the accelerator is zero; an old accelerator counts as zero, and gear and clutch hold."""
     from std_msgs.msg import Float64, Int32
 
     process = simulator(
-        scene=scene, overrides=[POWER], mode='lockstep', lockstep_commands=['brake_torque'], command_timeout=0.02, record=True, out='run'
+        scene=scene,
+        overrides=[POWER],
+        mode='lockstep',
+        lockstep_commands=['brake_torque'],
+        command_timeout=0.02,
+        record=True,
+        out='run',
     )
     kinds = {'accelerator': Float64, 'clutch': Float64, 'gear': Int32, 'brake': Float64}
     sent = {name: client.node.create_publisher(kind, f'simulator/{name}_cmd', 1) for name, kind in kinds.items()}
@@ -97,7 +104,10 @@ def test_pedals_and_gear_over_topics_in_lockstep(client, simulator, scene, tmp_p
     client.until(lambda: applied(step()) == (0.5, 0.0, -1.0))
     process.process.terminate()
     assert process.end() == 0, process.output
-    assert 'gear_cmd: 6 is no gear: there are 1 to 5, 0 is neutral, -1 is the reverse gear; the gear stays' in process.output
+    assert (
+        'gear_cmd: 6 is no gear: there are 1 to 5, 0 is neutral, -1 is the reverse gear; the gear stays'
+        in process.output
+    )
     run = bag.read(tmp_path / 'run')
     assert set(run['cmd_applied/gear']) == {2.0, 3.0, -1.0}
     assert main(['replay', str(tmp_path / 'run'), '--out', str(tmp_path / 'again')]) == 0
@@ -132,13 +142,19 @@ def played(directory: Path) -> Path:
 
 @pytest.mark.slow
 def test_an_element_that_the_scene_adds_has_a_topic(client, simulator, tmp_path):
-    """A damper whose valve is commanded: skyhook_cmd is there, what it says is applied and recorded, and a replay has the same bits."""
+    """A damper whose valve is commanded: skyhook_cmd is there, what it says is applied and recorded, and a replay has
+    the same bits."""
     from std_msgs.msg import Float64
 
     damper = '{terms: {travel_front_left: 1}, soft: 300, firm: 3000, lag: 0.02, input: skyhook}'
     added = f'vehicle.elements={{adjustable_dampers: {{skyhook: {damper}}}}}'
     process = simulator(
-        scene='light_car_straight', overrides=[added], mode='lockstep', lockstep_commands=['brake_torque'], record=True, out='run'
+        scene='light_car_straight',
+        overrides=[added],
+        mode='lockstep',
+        lockstep_commands=['brake_torque'],
+        record=True,
+        out='run',
     )
     valve, brake = (client.node.create_publisher(Float64, f'simulator/{name}_cmd', 1) for name in ('skyhook', 'brake'))
     client.until(lambda: valve.get_subscription_count() and brake.get_subscription_count(), 90.0)
@@ -170,4 +186,7 @@ def test_an_element_that_the_scene_adds_has_a_topic(client, simulator, tmp_path)
 def test_lockstep_cannot_wait_for_a_pedal_that_there_is_not(simulator):
     process = simulator(scene='light_car_straight', mode='lockstep', lockstep_commands=['accelerator'])
     assert process.end(90.0) == 2
-    assert "light_car_straight has no input 'accelerator'; its commands are steering, drive_torque, brake_torque" in process.output
+    assert (
+        "light_car_straight has no input 'accelerator'; its commands are steering, drive_torque, brake_torque"
+        in process.output
+    )

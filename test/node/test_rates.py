@@ -36,8 +36,8 @@ def test_topics_have_rates_of_their_own(start, client):
 
 
 def test_a_rate_is_the_next_one_that_the_published_steps_have(start, client):
-    """Steps of 2 ms. Of every fifth one, 100 a second, 60 are wanted: every other one is 50. Of every sixth: every other one, each 24 ms.
-    Counted apart, every ninth step and every fifth are both there but 11 times a second."""
+    """Steps of 2 ms. Of every fifth one, 100 a second, 60 are wanted: every other one is 50. Of every sixth: every
+    other one, each 24 ms. Counted apart, every ninth step and every fifth are both there but 11 times a second."""
     start({'publish_every': 5, 'rate_odom': 60.0})
     for every, apart in ((5, 20_000_000), (6, 24_000_000)):
         ask(client, 'publish_every', every)
@@ -48,7 +48,8 @@ def test_a_rate_is_the_next_one_that_the_published_steps_have(start, client):
 
 
 @pytest.mark.parametrize(
-    ('rate', 'of', 'steps'), [(0.0, 5, 1), (1e6, 5, 5), (100.0, 1, 5), (100.0, 5, 5), (60.0, 1, 9), (60.0, 5, 10), (30.0, 5, 20)]
+    ('rate', 'of', 'steps'),
+    [(0.0, 5, 1), (1e6, 5, 5), (100.0, 1, 5), (100.0, 5, 5), (60.0, 1, 9), (60.0, 5, 10), (30.0, 5, 20)],
 )
 def test_messages_that_are_so_many_steps_apart_are_thinned_in_whole_numbers(rate: float, of: int, steps: int) -> None:
     """Steps of 2 ms; of: steps between the messages there are."""
@@ -79,9 +80,13 @@ def test_what_nobody_hears_is_not_published_but_in_lockstep(client, monkeypatch)
 
     simulation, sent = Synthetic(), []
     plain = Publisher.publish
-    monkeypatch.setattr(Publisher, 'publish', lambda self, message: (sent.append(self.topic_name), plain(self, message)))
+    monkeypatch.setattr(
+        Publisher, 'publish', lambda self, message: (sent.append(self.topic_name), plain(self, message))
+    )
     messages = Messages.of(scene(), simulation)
-    publication = publish.Publication(client.node, messages.topics, messages.encode(simulation.snapshot(), whole=True), silent=SUBSCRIBED)
+    publication = publish.Publication(
+        client.node, messages.topics, messages.encode(simulation.snapshot(), whole=True), silent=SUBSCRIBED
+    )
 
     def step(**options: bool | None) -> None:
         snapshot = simulation.advance()
@@ -134,7 +139,9 @@ def test_subscribers_are_looked_for_topic_by_topic(client, monkeypatch):
     messages = Messages.of(scene(), simulation)
     publication = publish.Publication(client.node, messages.topics, messages.encode(simulation.snapshot(), whole=True))
     count = Publisher.get_subscription_count
-    monkeypatch.setattr(Publisher, 'get_subscription_count', lambda self: (looked.append(self.topic_name), count(self))[1])
+    monkeypatch.setattr(
+        Publisher, 'get_subscription_count', lambda self: (looked.append(self.topic_name), count(self))[1]
+    )
     monkeypatch.setattr(publish.time, 'perf_counter', lambda: now[0])
     try:
         publication.due(0)
@@ -169,24 +176,29 @@ def test_a_wheel_whose_name_is_no_name_of_a_topic_is_refused(client):
 
 
 def test_what_finds_no_time_is_dropped_last_things_first_and_named(start, client):
-    """With no time at all only the first topic of every step is published: that with the acknowledgement of commands."""
+    """With no time at all only the first topic of every step is published: that with the acknowledgement of
+    commands."""
     from geometry_msgs.msg import WrenchStamped
 
     for wheel in WHEELS:
         client.node.create_subscription(WrenchStamped, f'tire/{wheel}/force', lambda m: None, 1)
     start({'publish_budget': 1e-6})
-    client.until(lambda: len(client.applied) > 100)  # subscribers are seen topic by topic: before that of cmd_applied another is the first
+    # subscribers are seen topic by topic: before that of cmd_applied another is the first
+    client.until(lambda: len(client.applied) > 100)
 
     def dropped(array) -> Counter[str]:
         texts = [v.value for v in array.status[0].values if v.key == 'publishing dropped']
-        return Counter({topic: int(count) for topic, count in (item.rsplit(' ', 1) for text in texts for item in text.split(', '))})
+        return Counter(
+            {topic: int(count) for topic, count in (item.rsplit(' ', 1) for text in texts for item in text.split(', '))}
+        )
 
     def dropped_lately() -> Counter[str]:
         return dropped(client.diagnostics[-1]) - dropped(client.diagnostics[-2])
 
     def every_wheel_each_time() -> bool:
         lately = dropped_lately()
-        return lately['odom'] > 50 and abs(lately['tire_force'] - 4 * lately['odom']) <= 4  # a report may come within a step
+        # a report may come within a step
+        return lately['odom'] > 50 and abs(lately['tire_force'] - 4 * lately['odom']) <= 4
 
     client.until(lambda: len(client.diagnostics) > 1 and every_wheel_each_time())
     heard, reports = len(client.odom), len(client.diagnostics)

@@ -1,4 +1,5 @@
-"""A node with a stand-in simulation in this process: what its actions do when something is in the way, and what they publish."""
+"""A node with a stand-in simulation in this process: what its actions do when something is in the way, and what they
+publish."""
 
 from __future__ import annotations
 
@@ -61,7 +62,8 @@ def test_a_vehicle_is_placed_whole_although_its_recording_has_died(opened) -> No
     done, text = do(node, lambda running: running.place(3.0, 4.0, (0.0, 0.0, 0.0, 1.0)))
     assert done
     assert text.startswith(
-        'placed at x = 3.000 m, y = 4.000 m, heading 0.00 deg; what was recorded is not whole: recording to first failed'
+        'placed at x = 3.000 m, y = 4.000 m, heading 0.00 deg; what was recorded is not whole: recording to first '
+        'failed'
     )
     assert node.running.recording.recorder is not None  # a new one
     assert node.running.recording.failed is None
@@ -106,7 +108,13 @@ def test_in_lockstep_every_state_is_published_whatever_the_rates(opened, sent) -
         assert loop.ask(lambda k=k: loop.latch.answer(k * 2_000_000, {})).result(10.0)
         until(lambda k=k: [topic for topic, _ in sent].count('/clock') == k + 1)
     topics = [topic for topic, _ in sent]
-    assert [topics.count(f'/{name}') for name in ('cmd_applied', 'odom', 'imu', 'tire_states', 'clock')] == [6, 6, 2, 0, 6]
+    assert [topics.count(f'/{name}') for name in ('cmd_applied', 'odom', 'imu', 'tire_states', 'clock')] == [
+        6,
+        6,
+        2,
+        0,
+        6,
+    ]
 
 
 def test_a_state_that_is_repeated_in_lockstep_comes_with_the_clock(opened, sent) -> None:
@@ -153,8 +161,8 @@ def test_an_answer_that_names_no_command_holds_them_all(opened) -> None:
 
 
 def test_a_command_by_name_counts_at_once_although_nobody_knows_yet_who_sends_it(opened) -> None:
-    """Who publishes is looked for once a second, which this node never does: somebody who commands once may be gone by then. What he said
-    would wait in the queue for the next one who commands, and count then."""
+    """Who publishes is looked for once a second, which this node never does: somebody who commands once may be gone by
+    then. What he said would wait in the queue for the next one who commands, and count then."""
     from sensor_msgs.msg import JointState
 
     node = opened()
@@ -210,7 +218,8 @@ def test_a_pause_is_not_taken_for_a_slow_machine(opened) -> None:
 
 
 def test_inputs_that_no_command_is_for_are_named(opened, capfd, monkeypatch) -> None:
-    monkeypatch.setattr('synthetic.INPUTS', (*INPUTS, 'motor', 'motor_rate', 'motor_acceleration'))  # a motion, which no topic drives
+    # a motion, which no topic drives
+    monkeypatch.setattr('synthetic.INPUTS', (*INPUTS, 'motor', 'motor_rate', 'motor_acceleration'))
     sentence = 'no command is for motor: held as at the start; with the parameter commands = maneuver the maneuver'
     opened()
     assert sentence in capfd.readouterr().err
@@ -234,11 +243,17 @@ def test_an_answer_that_outlasts_what_drives_is_told(opened, capfd) -> None:
     from rclpy.parameter import Parameter
 
     def changed(**values: object) -> str:
-        assert all(one.successful for one in node.set_parameters([Parameter(name, value=value) for name, value in values.items()]))
+        assert all(
+            one.successful
+            for one in node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
+        )
         return capfd.readouterr().err
 
     opened(mode='lockstep', lockstep_every=251)
-    assert 'lockstep_every = 251 steps are 0.502 s, and after command_timeout = 0.5 s drive torque' in capfd.readouterr().err
+    assert (
+        'lockstep_every = 251 steps are 0.502 s, and after command_timeout = 0.5 s drive torque'
+        in capfd.readouterr().err
+    )
     node = opened(lockstep_every=251)
     assert 'lockstep_every' not in capfd.readouterr().err  # in real time nothing waits
     assert 'lockstep_every = 251' in changed(mode='lockstep')
@@ -281,7 +296,10 @@ def test_steps_that_were_dropped_do_not_count_as_made(opened, action: str) -> No
     with pytest.raises(StopIteration) as end:
         while True:
             call.send(None)
-    assert end.value.value == (False, f'{MANY - counted} of {MANY} steps: the others were dropped by a pause, a resumption or a reset')
+    assert end.value.value == (
+        False,
+        f'{MANY - counted} of {MANY} steps: the others were dropped by a pause, a resumption or a reset',
+    )
 
 
 def test_steps_one_by_one_end_where_the_simulation_goes_on_by_itself(opened) -> None:
@@ -302,7 +320,9 @@ def test_steps_one_by_one_end_where_the_simulation_goes_on_by_itself(opened) -> 
 def test_an_override_that_another_one_replaces_is_refused() -> None:
     from mbd_sim_ros.node.main import prepare
 
-    with pytest.raises(SpecError, match=r'parameter overrides: start\.speed=1 has no effect, because start=\{\} comes later'):
+    with pytest.raises(
+        SpecError, match=r'parameter overrides: start\.speed=1 has no effect, because start=\{\} comes later'
+    ):
         prepare('slider_crank', ['start.speed=1', 'start={}'])
 
 
@@ -335,7 +355,8 @@ def test_a_recording_that_ends_with_a_placing_is_judged_by_what_was_before(opene
     placed: list[bool] = []
     node = opened(record=True, out='first')
     monkeypatch.setattr(
-        'mbd_sim_ros.node.recording.judged', lambda simulation, *_, **__: placed.append(hasattr(simulation, 'placed')) or []
+        'mbd_sim_ros.node.recording.judged',
+        lambda simulation, *_, **__: placed.append(hasattr(simulation, 'placed')) or [],
     )
     assert do(node, lambda running: running.place(1.0, 2.0, (0.0, 0.0, 0.0, 1.0)))[0]
     assert placed == [False]

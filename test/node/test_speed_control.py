@@ -1,4 +1,5 @@
-"""The loop of the adapter on a car that is a mass: speeds are reached and kept, it turns back through rest, gears and reports are those."""
+"""The loop of the adapter on a car that is a mass: speeds are reached and kept, it turns back through rest, gears and
+reports are those."""
 
 from __future__ import annotations
 
@@ -97,7 +98,8 @@ def test_a_car_that_goes_backwards_when_the_loop_begins_goes_on():
 
 @pytest.mark.parametrize('way', [1.0, -1.0])
 def test_at_rest_a_yaw_rate_turns_the_wheels_to_one_side_however_the_car_swings_in_its_springs(way):
-    """A swing of 0.1 m/s changes the sign of the speed; the angle fits the way that it went, or the one that it shall go."""
+    """A swing of 0.1 m/s changes the sign of the speed; the angle fits the way that it went, or the one that it shall
+    go."""
     loop = Loop(CAR, CONTROL, 0.5)
     stand, creep = Demand(speed=0.0, steering=None, yaw_rate=0.3), Demand(speed=0.2 * way, steering=None, yaw_rate=0.02)
     loop.commands(Demand(speed=3.0 * way, steering=None, yaw_rate=0.3), None, 3.0 * way, 0.01)
@@ -119,13 +121,27 @@ def test_a_car_that_shall_turn_back_yaws_to_the_side_that_is_wanted_until_it_sta
 def test_messages_of_others_are_demands():
     drive = SimpleNamespace(steering_angle=0.1, steering_angle_velocity=0.0, speed=4.0, acceleration=1.5, jerk=0.0)
     assert ackermann(drive) == Demand(speed=4.0, steering=0.1, ramp=1.5)
-    lateral = SimpleNamespace(steering_tire_angle=-0.2, steering_tire_rotation_rate=0.3, is_defined_steering_tire_rotation_rate=False)
+    lateral = SimpleNamespace(
+        steering_tire_angle=-0.2, steering_tire_rotation_rate=0.3, is_defined_steering_tire_rotation_rate=False
+    )
     longitudinal = SimpleNamespace(velocity=6.0, acceleration=-1.0, is_defined_acceleration=True)
-    assert control(SimpleNamespace(lateral=lateral, longitudinal=longitudinal)) == Demand(speed=6.0, steering=-0.2, acceleration=-1.0)
+    assert control(SimpleNamespace(lateral=lateral, longitudinal=longitudinal)) == Demand(
+        speed=6.0, steering=-0.2, acceleration=-1.0
+    )
     message = SimpleNamespace(linear=SimpleNamespace(x=2.0), angular=SimpleNamespace(z=0.1))
     assert twist(message) == Demand(speed=2.0, steering=None, yaw_rate=0.1)
     assert not Demand(speed=math.nan).is_finite and Demand(steering=None).is_finite
-    assert [gear(n) for n in (0, 1, 2, 19, 20, 21, 22, 23, 99)] == [NEUTRAL, NEUTRAL, DRIVE, DRIVE, REVERSE, REVERSE, PARK, DRIVE, NEUTRAL]
+    assert [gear(n) for n in (0, 1, 2, 19, 20, 21, 22, 23, 99)] == [
+        NEUTRAL,
+        NEUTRAL,
+        DRIVE,
+        DRIVE,
+        REVERSE,
+        REVERSE,
+        PARK,
+        DRIVE,
+        NEUTRAL,
+    ]
 
 
 def test_a_car_is_known_by_its_scene():
@@ -134,6 +150,8 @@ def test_a_car_is_known_by_its_scene():
     assert car.wheelbase == pytest.approx(2.6, abs=0.2) and car.steering_wheel(0.1) == pytest.approx(1.5)
     assert car.road_wheel(1.5) == pytest.approx(0.1)
     by_map = Car.of(scene)
-    assert [by_map.road_wheel(by_map.steering_wheel(angle)) for angle in (-0.3, 0.0, 0.2)] == pytest.approx([-0.3, 0.0, 0.2], abs=1e-5)
+    assert [by_map.road_wheel(by_map.steering_wheel(angle)) for angle in (-0.3, 0.0, 0.2)] == pytest.approx(
+        [-0.3, 0.0, 0.2], abs=1e-5
+    )
     assert by_map.road_wheel(100.0) == pytest.approx(by_map.steering.points[-1][0])  # no further than the map goes
     assert car.inertia == pytest.approx(sum(b.mass for b in scene.model.bodies) * 0.3, rel=0.05)

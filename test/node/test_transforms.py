@@ -1,4 +1,5 @@
-"""/tf over the real topic, with a stand-in of its package where no wheel offers it: what RViz and Foxglove place wheels and links by."""
+"""/tf over the real topic, with a stand-in of its package where no wheel offers it: what RViz and Foxglove place wheels
+and links by."""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ def flat(transforms: list) -> list[tuple]:
 
 
 def test_transforms_are_heard_as_they_are_recorded(client, simulator, tmp_path) -> None:
-    """A plain subscriber gets every message from its first one on: chassis and contact frames at rate_tf, all bodies at record.poses."""
+    """A plain subscriber gets every message from its first one on: chassis and contact frames at rate_tf, all bodies at
+    record.poses."""
     where = packages()
     sys.path.insert(0, str(where))
     from tf2_msgs.msg import TFMessage
@@ -50,8 +52,11 @@ def test_transforms_are_heard_as_they_are_recorded(client, simulator, tmp_path) 
     client.node.create_subscription(TFMessage, '/tf', heard.append, 1000)
     overrides = [f'record.poses={POSES}', 'record.every=1']
     rates = {'rate_tf': RATE, 'rate_odom': 10.0, 'rate_cmd_applied': 10.0}  # the client hears these too
-    process = simulator(str(where), scene='light_car_straight', overrides=overrides, duration=0.0, record=True, out='run', **rates)
-    client.until(lambda: len(heard) > RATE or process.process.poll() is not None, 300.0)  # the kernels may have to be compiled
+    process = simulator(
+        str(where), scene='light_car_straight', overrides=overrides, duration=0.0, record=True, out='run', **rates
+    )
+    # the kernels may have to be compiled
+    client.until(lambda: len(heard) > RATE or process.process.poll() is not None, 300.0)
     assert heard, process.output
     (info,) = client.node.get_publishers_info_by_topic('/tf')
     assert str(info.topic_type_hash) == TYPE_HASHES[TF]
@@ -63,8 +68,11 @@ def test_transforms_are_heard_as_they_are_recorded(client, simulator, tmp_path) 
     for t, message in zip(stamps, heard, strict=True):
         assert flat(message.transforms) == flat(expected[t]['transforms'])
     every = 1_000_000_000 // POSES
-    assert {len(message.transforms) for t, message in zip(stamps, heard) if t % every} == {5}  # base_link, a contact frame of each wheel
-    seldom = [{item.child_frame_id for item in message.transforms} for t, message in zip(stamps, heard) if t % every == 0]
+    # base_link, a contact frame of each wheel
+    assert {len(message.transforms) for t, message in zip(stamps, heard) if t % every} == {5}
+    seldom = [
+        {item.child_frame_id for item in message.transforms} for t, message in zip(stamps, heard) if t % every == 0
+    ]
     assert seldom and all({'base_link', 'wheel_front_left', 'imu_link'} <= frames for frames in seldom)
 
 

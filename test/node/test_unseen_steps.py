@@ -70,10 +70,12 @@ def test_they_have_the_bits_of_single_steps() -> None:
 
 
 class Timed(Synthetic):
-    """Stands in for the clock of a loop too, so that nothing waits: a call takes `call` s, `cold` s more after a sleep, `step` s each step;
-    every twentieth call stalls."""
+    """Stands in for the clock of a loop too, so that nothing waits: a call takes `call` s, `cold` s more after a sleep,
+    `step` s each step; every twentieth call stalls."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, call: float, cold: float, step: float, stall: float = 0.0) -> None:
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, *, call: float, cold: float, step: float, stall: float = 0.0
+    ) -> None:
         super().__init__(h_ns=1_000_000)
         self.call, self.cold, self.step, self.stall = call, cold, step, stall
         self.now, self.slept, self.calls = 0.0, False, 0
@@ -93,8 +95,8 @@ class Timed(Synthetic):
 
 
 class Watched:
-    """A run in real time. at_once: steps of each call; k: those that were seen; behind: how long after each was due it was shown [s]; late:
-    the same without what a step takes [s]."""
+    """A run in real time. at_once: steps of each call; k: those that were seen; behind: how long after each was due it
+    was shown [s]; late: the same without what a step takes [s]."""
 
     def __init__(self, simulation: Timed, seconds: float, hidden=lambda most: most) -> None:
         seen, behind, late = [0], [], []
@@ -131,10 +133,14 @@ def test_in_real_time_a_call_begins_so_that_what_is_seen_begins_when_it_is_due(
 
 
 @pytest.mark.parametrize(('step', 'rate'), [(1e-4, 1.0), (2e-3, 0.5), (4e-3, 0.25)])
-def test_the_rate_that_is_reported_is_time_simulated_per_time_passed(monkeypatch: pytest.MonkeyPatch, step: float, rate: float) -> None:
+def test_the_rate_that_is_reported_is_time_simulated_per_time_passed(
+    monkeypatch: pytest.MonkeyPatch, step: float, rate: float
+) -> None:
     simulation = Timed(monkeypatch, call=0.0, cold=0.0, step=step)
     still = np.zeros(len(INPUTS))
-    loop = Loop(simulation, Latch(simulation), inputs=lambda values: still, emit=lambda snapshot: None, end_ns=1_000_000_000)
+    loop = Loop(
+        simulation, Latch(simulation), inputs=lambda values: still, emit=lambda snapshot: None, end_ns=1_000_000_000
+    )
     assert loop.health().steps == 0
     finished(loop)
     health = loop.health()
@@ -153,7 +159,9 @@ def test_the_step_times_that_are_reported_are_those_of_their_ranks(monkeypatch: 
     assert loop.health().step_max == 0.0  # nothing since
 
 
-def test_steps_that_take_longer_than_they_last_are_made_at_once_for_as_long_as_a_call_may_take(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_that_take_longer_than_they_last_are_made_at_once_for_as_long_as_a_call_may_take(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """8 of 1.2 ms are 9.6 ms."""
     run = Watched(Timed(monkeypatch, call=5e-5, cold=1e-4, step=1.2e-3), 2.0)
     assert run.slips > 0
@@ -182,7 +190,8 @@ def test_what_is_seen_is_late_while_steps_become_dearer_and_never_early(monkeypa
 
 
 def test_in_slow_motion_no_more_of_the_clock_passes_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A step lasts 50 ms of the clock. Who begins to look after 1 s does not find them waiting, which the schedule would give up."""
+    """A step lasts 50 ms of the clock. Who begins to look after 1 s does not find them waiting, which the schedule
+    would give up."""
     simulation = Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5)
     seen: list[float] = []
     loop = Loop(
@@ -229,7 +238,8 @@ def test_a_step_that_is_seen_alone_is_one_call(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_inputs_that_stay_are_not_made_anew_and_have_the_same_bits() -> None:
-    """Of a command on its way through the filter, one that has the same value but another sign of zero, and none for a long time."""
+    """Of a command on its way through the filter, one that has the same value but another sign of zero, and none for a
+    long time."""
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     from mbd_sim_ros.node.driving import Driving
 
@@ -281,8 +291,16 @@ def test_inputs_that_stay_are_asked_for_twice_a_call_unless_a_command_becomes_to
 @pytest.mark.realtime
 @pytest.mark.slow
 def test_a_run_that_nobody_watches_can_be_replayed(simulator, tmp_path: Path) -> None:
-    """Who publishes commands is looked for once a second, so most of this run was made so. The inputs of every step are recorded."""
-    process = simulator(scene='light_car_straight', duration=2.5, record=True, out='run', overrides=['record.every=7'], commands='topics')
+    """Who publishes commands is looked for once a second, so most of this run was made so. The inputs of every step are
+    recorded."""
+    process = simulator(
+        scene='light_car_straight',
+        duration=2.5,
+        record=True,
+        out='run',
+        overrides=['record.every=7'],
+        commands='topics',
+    )
     assert process.end() == 0, process.output
     run = bag.read(tmp_path / 'run')
     assert run['cmd_applied/step'][-1] == 2.5 / load_scene('light_car_straight').integrator.h
@@ -317,7 +335,8 @@ def test_the_clock_ticks_a_hundred_times_a_second_although_nobody_hears_the_rest
 
 
 def test_in_lockstep_a_state_is_not_repeated_as_soon_as_it_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever answers every state would answer the first one twice, and with plain commands be a step behind from then on."""
+    """Whoever answers every state would answer the first one twice, and with plain commands be a step behind from then
+    on."""
     monkeypatch.setattr(loop_module, 'REPEAT', 0.2)
     shown, repeated = [], []
     simulation = Synthetic()

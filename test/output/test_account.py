@@ -8,7 +8,17 @@ import pytest
 from solver.output.account import new_account, noted
 
 # Where names begin in saved states; what lies between follows from the shapes.
-FIRST = {'worst': 3, 'time': 6, 'kinetic': 9, 'residual': 16, 'turn': 25, 'steps': 28, 'swing': 30, 'phase': 38, 'contradiction': 53}
+FIRST = {
+    'worst': 3,
+    'time': 6,
+    'kinetic': 9,
+    'residual': 16,
+    'turn': 25,
+    'steps': 28,
+    'swing': 30,
+    'phase': 38,
+    'contradiction': 53,
+}
 
 
 @pytest.mark.parametrize(('bodies', 'peaks', 'tires'), [(0, 0, 0), (3, 0, 2), (2, 4, 0)])

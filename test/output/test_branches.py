@@ -23,7 +23,8 @@ WATCHED = ['record.branches=true']
 
 
 def folded(branch: str) -> Simulation:
-    """The slider-crank at 1 ms, struck where its rods coincide (crank at 90 deg): it goes on with its rods mirrored or together."""
+    """The slider-crank at 1 ms, struck where its rods coincide (crank at 90 deg): it goes on with its rods mirrored or
+    together."""
     s = simulation_of(load_scene('slider_crank', WATCHED))
     while s.advance().joint_position[0] < np.pi / 2 - 4e-3:
         pass
@@ -41,7 +42,8 @@ def folded(branch: str) -> Simulation:
 
 @pytest.mark.parametrize(('branch', 'switches'), [('mirrored', 0), ('together', 1)])
 def test_a_blow_in_the_singular_position_decides_the_branch_and_is_counted(branch, switches):
-    """50 ms after it: the knee has turned by -2 or by 0 times the turn of the crank; only the second is a switch, at 0.39 s."""
+    """50 ms after it: the knee has turned by -2 or by 0 times the turn of the crank; only the second is a switch, at
+    0.39 s."""
     s = folded(branch)
     crank, knee = s.advance(50).joint_position[:2] - (np.pi / 2, -np.pi)
     assert crank > 0.05
@@ -70,8 +72,8 @@ def test_divided_steps_that_come_out_on_the_other_branch_make_a_run_suspect(bran
 
 @pytest.mark.parametrize(('at', 'seen'), [(1, 0), (50, 1)])
 def test_a_watched_run_that_was_saved_finds_the_same_switches(at: int, seen: int) -> None:
-    """Saved between the singular position and the look that finds the switch, or behind both: elsewhere, and from its pickle, it is as
-    suspect as the run that went on, and as it was itself when it goes back.
+    """Saved between the singular position and the look that finds the switch, or behind both: elsewhere, and from its
+    pickle, it is as suspect as the run that went on, and as it was itself when it goes back.
     """
     s = folded('together')
     s.advance(at)
@@ -158,7 +160,16 @@ def test_nothing_is_watched_unless_the_scene_asks():
 
 def test_run_reports_switches_and_judges_them(capsys):
     """`mbd run --json` has the number and the times; a limit on them is a requirement like any other."""
-    arguments = ['run', 'slider_crank', '--no-record', '--json', '--duration', '1', '--set', 'require.branch_switches_max=0']
+    arguments = [
+        'run',
+        'slider_crank',
+        '--no-record',
+        '--json',
+        '--duration',
+        '1',
+        '--set',
+        'require.branch_switches_max=0',
+    ]
     assert main(arguments) == 0
     data = json.loads(capsys.readouterr().out)
     assert (data['branch_switches'], data['branch_switch_times'], data['require']['branch_switches_max']) == (0, [], 0)

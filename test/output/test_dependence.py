@@ -11,7 +11,14 @@ from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
 from solver import simulation_of
 from solver.files.scene import load_scene, load_scene_text
-from solver.output.dependence import RANK_TOLERANCE, dense_jacobian, dependence, scaled_blocks, scaled_jacobian, tied_groups
+from solver.output.dependence import (
+    RANK_TOLERANCE,
+    dense_jacobian,
+    dependence,
+    scaled_blocks,
+    scaled_jacobian,
+    tied_groups,
+)
 from solver.simulation import Simulation
 
 
@@ -22,7 +29,8 @@ def rows(simulation: Simulation) -> tuple[set[str], set[str]]:
 
 
 def test_planar_slider_crank_in_space_has_unique_forces_in_its_plane_only():
-    """26 constraints, 3 redundant: forces out of the plane and moments about axes in it are shared around the loop, in all its joints."""
+    """26 constraints, 3 redundant: forces out of the plane and moments about axes in it are shared around the loop, in
+    all its joints."""
     s = simulation_of(load_scene('slider_crank'))
     assert s.describe()['redundant_constraints'] == 3
     unique, shared = rows(s)
@@ -57,8 +65,14 @@ def test_without_redundancy_every_reaction_is_unique(name):
 
 @pytest.mark.parametrize('name', ['slider_crank', 'bricard', 'four_bar'])
 def test_multipliers_that_balance_each_other_change_no_motion_and_no_unique_reaction(name):
-    """Started with 100 N of every self-equilibrated set of multipliers more: same motion, other reactions in just the rows named."""
-    settings = ['integrator.mode=tolerance', 'integrator.tolerance=1e-11', 'integrator.form=condensed', 'integrator.h=1e-3']
+    """Started with 100 N of every self-equilibrated set of multipliers more: same motion, other reactions in just the
+    rows named."""
+    settings = [
+        'integrator.mode=tolerance',
+        'integrator.tolerance=1e-11',
+        'integrator.form=condensed',
+        'integrator.h=1e-3',
+    ]
     plain, loaded = (simulation_of(load_scene(name, settings)) for _ in range(2))
     left, size, _ = np.linalg.svd(dense_jacobian(loaded.model, loaded.last_step.J))
     null = left[:, (size > 1e-9).sum() :]
@@ -94,9 +108,12 @@ mechanism:
 """
 
 
-@pytest.mark.parametrize('name', ['tree', 'andrews', 'bricard', 'four_bar', 'flyball_governor', 'rolling_disc', 'chain', 'torque_free_top'])
+@pytest.mark.parametrize(
+    'name', ['tree', 'andrews', 'bricard', 'four_bar', 'flyball_governor', 'rolling_disc', 'chain', 'torque_free_top']
+)
 def test_rank_and_reactions_are_those_of_all_rows_together(name):
-    """Open chains are taken off before the rank is found; every decision is that of the singular values of the whole Jacobian."""
+    """Open chains are taken off before the rank is found; every decision is that of the singular values of the whole
+    Jacobian."""
     s = simulation_of(load_scene_text(TREE) if name == 'tree' else load_scene(name))
     found = dependence(s.model, s.last_step.J)
     A, holonomic = scaled_jacobian(s.model, s.last_step.J), s.model.tables.constraints.holonomic == 1
@@ -110,7 +127,8 @@ def test_rank_and_reactions_are_those_of_all_rows_together(name):
 
 
 def test_open_chains_are_taken_apart_and_loops_are_not():
-    """Of the tree only its four-bar and the rod that hangs twice on the same two points remain; of a chain nothing, however long."""
+    """Of the tree only its four-bar and the rod that hangs twice on the same two points remain; of a chain nothing,
+    however long."""
     for scene, remain in ((load_scene_text(TREE), 'abcd'), (load_scene('chain', ['mechanism.links=300']), '')):
         s = simulation_of(scene)
         names = [s.model.group_names[g] for g in tied_groups(s.model, scaled_blocks(s.model, s.last_step.J))]

@@ -38,8 +38,8 @@ def test_the_torque_of_a_driver_accelerates_what_it_drives():
 
 
 def test_a_driver_that_works_against_a_spring_shows_what_it_takes():
-    """5 N m/rad times x more than for the inertia alone, to what x changes within a step: 5e-4 s * 4 pi / tan(0.4 pi) = 2.0e-3 of it. The
-    spring has no effort of its own beside that of the driver."""
+    """5 N m/rad times x more than for the inertia alone, to what x changes within a step: 5e-4 s * 4 pi / tan(0.4 pi) =
+    2.0e-3 of it. The spring has no effort of its own beside that of the driver."""
     spring = 'mechanism:\n  coordinate_forces:\n    spring: {terms: {axle: 1}, spring: 5}\n'
     found = [simulation_of(load_scene_text(text)).advance(600) for text in (DISC, DISC.replace('mechanism:\n', spring))]
     assert abs(found[0].joint_position[0]) > 0.05

@@ -20,8 +20,8 @@ H = 1e-3
 
 
 def test_accelerations_are_the_derivatives_of_velocities() -> None:
-    """Of a heavy top that spins and precesses: differences of velocities in the world over two steps, second order in the turn of a step.
-    That of the reference frame is what is left of terms with the size of |dw| |com|."""
+    """Of a heavy top that spins and precesses: differences of velocities in the world over two steps, second order in
+    the turn of a step. That of the reference frame is what is left of terms with the size of |dw| |com|."""
     h = 1e-4
     s = simulation_of(load_scene('spinning_top', ['record.motions=1000', f'integrator.h={h}']))
     s.advance(1000)
@@ -44,7 +44,9 @@ def test_that_of_the_chassis_is_what_its_imu_feels_without_gravity() -> None:
     assert k is not None
     com, w, (a, turning) = s.scene.model.bodies[k].com, shot.twist[k, 3:], shot.acceleration[k].reshape(2, 3)
     gravity = Rotation.from_quat(shot.pose[k, 3:]).inv().apply(s.model.tables.bodies.gravity)
-    np.testing.assert_allclose(a + np.cross(turning, com) + np.cross(w, np.cross(w, com)) - gravity, shot.imu[:3], rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(
+        a + np.cross(turning, com) + np.cross(w, np.cross(w, com)) - gravity, shot.imu[:3], rtol=1e-12, atol=1e-9
+    )
 
 
 def test_they_are_recorded_at_their_rate_with_units(tmp_path: Path) -> None:
@@ -59,7 +61,9 @@ def test_they_are_recorded_at_their_rate_with_units(tmp_path: Path) -> None:
         values = series.columns[f'body_motions/{body}/{name}']
         assert values[-1] == np.concatenate([s.snapshot().twist[-1], s.snapshot().acceleration[-1]])[i]
     unit = units(run)
-    assert [unit(f'body_motions/{body}/{name}') for name in MOTION] == ['m/s'] * 3 + ['rad/s'] * 3 + ['m/s^2'] * 3 + ['rad/s^2'] * 3
+    assert [unit(f'body_motions/{body}/{name}') for name in MOTION] == ['m/s'] * 3 + ['rad/s'] * 3 + ['m/s^2'] * 3 + [
+        'rad/s^2'
+    ] * 3
 
 
 @pytest.mark.parametrize('changes', [[], ['record.motions=50', 'fidelity=single_track']])

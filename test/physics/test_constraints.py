@@ -32,7 +32,8 @@ def with_settings(scene: Scene, **changes) -> Scene:
 
 @pytest.mark.parametrize('mode', ['fixed', 'tolerance'])
 def test_drift_stays_at_the_tolerance_over_a_hundred_thousand_steps(mode):
-    """Positions to 1e-9 m or rad and projected velocities to 1e-6 (one projection in fixed mode) or 1e-9, first and last alike."""
+    """Positions to 1e-9 m or rad and projected velocities to 1e-6 (one projection in fixed mode) or 1e-9, first and
+    last alike."""
     simulation = Simulation(with_settings(load_scene_text(SPATIAL), h=1e-3, mode=mode, tolerance=1e-9))
     drifts = []
     for _ in range(10):
@@ -63,5 +64,11 @@ def test_repeated_constraints_change_no_motion_and_share_the_reaction(name, form
     np.testing.assert_allclose(b.twist, a.twist, rtol=0, atol=1e-7)
     rows = single.model.n_rows - len(scene.model.couplers)
     total = b.reactions[:rows] + b.reactions[rows : 2 * rows]
-    in_plane = [k for k, row in enumerate(single.model.row_names[:rows]) if row.endswith(('/x', '/z' if name != 'pendulum' else '/y'))]
-    np.testing.assert_allclose(total[in_plane], a.reactions[in_plane], rtol=0, atol=1e-5 * max(1.0, np.abs(a.reactions).max()))
+    in_plane = [
+        k
+        for k, row in enumerate(single.model.row_names[:rows])
+        if row.endswith(('/x', '/z' if name != 'pendulum' else '/y'))
+    ]
+    np.testing.assert_allclose(
+        total[in_plane], a.reactions[in_plane], rtol=0, atol=1e-5 * max(1.0, np.abs(a.reactions).max())
+    )

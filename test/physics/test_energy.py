@@ -60,7 +60,9 @@ mechanism:
 def oscillation(rho_inf: float) -> Simulation:
     """A resting mass released 1 um from the free length of a spring whose natural frequency is 100 / h."""
     scene = load_scene_text(STIFF)
-    return Simulation(dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, h=1e-3, rho_inf=rho_inf)))
+    return Simulation(
+        dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, h=1e-3, rho_inf=rho_inf))
+    )
 
 
 def test_unresolved_oscillation_keeps_its_energy_without_dissipation():

@@ -25,7 +25,7 @@ mechanism:
     spring: {i: first, j: {body: third, position: [0, 0.1, 0]}, free_length: 1, spring: 60, damper: 0.5}
   bushings:
     mount: {i: second, j: third, at: [0.9, 0, 0], stiffness: [200, 300, 400, 2, 3, 4], damping: [1, 1, 1, 0.1, 0.1, 0.1]}
-"""
+"""  # noqa: E501
 
 
 def simulation_of(h: float, rho_inf: float, gravity: float = 0.0) -> Simulation:

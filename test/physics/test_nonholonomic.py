@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from convergence import FIELDS, error, orders, scene_of
-from rolling_forms import MASS, PRECESSION, RADIUS, STEADY_SPIN, TILT, chaplygin_sleigh, knife_edge, rolling_disc, spin_slopes
+from rolling_forms import (
+    MASS,
+    PRECESSION,
+    RADIUS,
+    STEADY_SPIN,
+    TILT,
+    chaplygin_sleigh,
+    knife_edge,
+    rolling_disc,
+    spin_slopes,
+)
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -35,8 +45,8 @@ STEPS = (4e-3, 2e-3, 1e-3)
 def test_errors_fall_with_the_square_of_the_step(name, rho_inf, mode, form):
     """Slope 2.0 +- 0.15 of the largest errors in positions, velocities and reactions over 0.8 s.
 
-    Steeper with one iteration, where its error and that of the scheme may cancel for a while, and for the reaction of the knife edge
-    with rho_inf = 0, whose h^2 term happens to vanish.
+    Steeper with one iteration, where its error and that of the scheme may cancel for a while, and for the reaction of
+    the knife edge with rho_inf = 0, whose h^2 term happens to vanish.
     """
     slopes, table = orders(PROBLEMS[name], STEPS, TIMES, rho_inf=rho_inf, form=form, **MODES[mode])
     assert table[-1].max() < 0.1, f'errors {table} are no small errors'
@@ -47,7 +57,8 @@ def test_errors_fall_with_the_square_of_the_step(name, rho_inf, mode, form):
 
 
 def test_the_modified_formulation_rolls_as_well():
-    """m_alf, h_R = lam_R - xi psi: at xi = 1e9 it finds the same motion (1e-9) and reactions (1e-6) as the effective masses do."""
+    """m_alf, h_R = lam_R - xi psi: at xi = 1e9 it finds the same motion (1e-9) and reactions (1e-6) as the effective
+    masses do."""
     common = {'h': 1e-3, 'mode': 'tolerance', 'tolerance': 1e-11}
     a, b = (
         Simulation(scene_of(PROBLEMS['rolling disc'], kind=kind, penalty=xi, **common)).advance(500)
@@ -58,7 +69,8 @@ def test_the_modified_formulation_rolls_as_well():
 
 
 def test_disc_in_steady_motion_rolls_along_a_circle():
-    """10 s: the centre moves at r |w3|, hence the contact in a circle of r |w3| / W + r cos(tilt); tilt and forces keep their values."""
+    """10 s: the centre moves at r |w3|, hence the contact in a circle of r |w3| / W + r cos(tilt); tilt and forces keep
+    their values."""
     s = Simulation(scene_of(rolling_disc(0.1, nod=0.0), h=1e-3, rho_inf=1.0, mode='tolerance', tolerance=1e-10))
     circle = RADIUS * abs(STEADY_SPIN) / PRECESSION
     radius = circle + RADIUS * np.cos(TILT)
@@ -74,14 +86,16 @@ def test_disc_in_steady_motion_rolls_along_a_circle():
 
 
 def constants(tilt: float, p: float, w3: float) -> np.ndarray:
-    """(2,) spins p and w3 carried back along their linear equations to the tilt of 70 deg: constants of the rolling motion."""
+    """(2,) spins p and w3 carried back along their linear equations to the tilt of 70 deg: constants of the rolling
+    motion."""
     if tilt == TILT:
         return np.array([p, w3])
     return solve_ivp(lambda T, y: spin_slopes(T, *y), (tilt, TILT), [p, w3], rtol=1e-12, atol=1e-12).y[:, -1]
 
 
 def test_rolling_disc_keeps_energy_and_both_constants_of_its_spins_over_ten_seconds():
-    """A nodding disc at 1 ms: energy to 1e-4 of 11 J, both constants to 1e-4 rad/s, contact at rest to 1e-9 m/s, height to 1e-12 m."""
+    """A nodding disc at 1 ms: energy to 1e-4 of 11 J, both constants to 1e-4 rad/s, contact at rest to 1e-9 m/s, height
+    to 1e-12 m."""
     s = simulation_of(load_scene('rolling_disc'))
 
     def now() -> tuple[float, np.ndarray]:
@@ -107,7 +121,8 @@ def test_rolling_disc_keeps_energy_and_both_constants_of_its_spins_over_ten_seco
 
 
 def test_knife_edge_travels_across_the_slope_and_never_farther_down_than_its_cycloid():
-    """20 revolutions of the file's plate: at most g'/(2 w^2) + 1e-3 m downhill, 10 s across the slope exact to 1e-3 m."""
+    """20 revolutions of the file's plate: at most g'/(2 w^2) + 1e-3 m downhill, 10 s across the slope exact to 1e-3
+    m."""
     s = simulation_of(load_scene('knife_edge'))
     problem = knife_edge()
     x = []
@@ -134,8 +149,13 @@ def test_rolling_takes_freedoms_of_velocity_but_not_of_position():
 
 
 def test_assembly_lifts_the_disc_onto_the_plane_without_rolling_it():
-    """Placed 0.1 m above: it is moved straight down or tipped, its contact is not carried along the plane by the rolling rows."""
-    s = simulation_of(load_scene('rolling_disc', ['start.kind=assemble', 'mechanism.bodies.disc.position=[0, 0.17101007166283436, 0.57]']))
+    """Placed 0.1 m above: it is moved straight down or tipped, its contact is not carried along the plane by the
+    rolling rows."""
+    s = simulation_of(
+        load_scene(
+            'rolling_disc', ['start.kind=assemble', 'mechanism.bodies.disc.position=[0, 0.17101007166283436, 0.57]']
+        )
+    )
     assert abs(s.last_step.phi[0]) < 1e-11
     assert s.snapshot().pose[0, 0] == pytest.approx(0.0, abs=1e-12)
     assert abs(s.last_step.phi[1:]).max() < 1e-9
@@ -144,7 +164,8 @@ def test_assembly_lifts_the_disc_onto_the_plane_without_rolling_it():
 @pytest.mark.parametrize('kind', ['reference_kkt', 'reference_bdf', 'reference_radau', 'reference_ida'])
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_reference_integrators_reach_the_closed_forms(kind, name):
-    """Positions to 1e-5, velocities to 1e-4, reactions to 1e-3 over 0.8 s at tolerance 1e-9; drift of positions to 1e-7."""
+    """Positions to 1e-5, velocities to 1e-4, reactions to 1e-3 over 0.8 s at tolerance 1e-9; drift of positions to
+    1e-7."""
     problem = PROBLEMS[name]
     s = simulation_of(scene_of(problem, h=0.08, kind=kind, tolerance=1e-9))
     worst = np.zeros(3)
@@ -156,14 +177,17 @@ def test_reference_integrators_reach_the_closed_forms(kind, name):
 
 
 def test_a_wheel_with_its_weight_off_the_axle_finds_its_rest_on_a_slope():
-    """Equilibrium under rolling rows, slope 0.1 rad: it rolls until its centre of mass is vertically above the contact point."""
+    """Equilibrium under rolling rows, slope 0.1 rad: it rolls until its centre of mass is vertically above the contact
+    point."""
     scene = load_scene(
         'rolling_disc',
         [
             'start.kind=equilibrium',
             'mechanism.gravity=[0.979367, 0, -9.760989]',
-            'mechanism.bodies.disc={mass: 2, inertia: [0.125, 0.125, 0.25], com: [0, -0.1, 0], position: [0, 0, 0.5], rpy_deg: [90, 0, 0]}',
-            'mechanism.joints={upright: {kind: perpendicular, i: {body: world, axis: [0, 1, 0]}, j: {body: disc, axis: [1, 0, 0]}}, '
+            'mechanism.bodies.disc={mass: 2, inertia: [0.125, 0.125, 0.25], com: [0, -0.1, 0], position: [0, 0, 0.5], '
+            'rpy_deg: [90, 0, 0]}',
+            'mechanism.joints={upright: {kind: perpendicular, i: {body: world, axis: [0, 1, 0]}, j: {body: disc, axis: '
+            '[1, 0, 0]}}, '
             'straight: {kind: perpendicular, i: {body: world, axis: [0, 1, 0]}, j: {body: disc, axis: [0, 1, 0]}}}',
         ],
     )
@@ -201,7 +225,8 @@ integrator: {h: 1.0e-3, rho_inf: 1, mode: tolerance, tolerance: 1.0e-10}
 
 @pytest.mark.parametrize('form', ['condensed', 'block'])
 def test_disc_and_the_sliding_plate_it_rolls_on_exchange_momentum_and_lose_none(form):
-    """5 s on a free plate: horizontal momentum to 1e-9 N s, angular momentum about the vertical to 1e-5 N m s, energy to 1e-4 J."""
+    """5 s on a free plate: horizontal momentum to 1e-9 N s, angular momentum about the vertical to 1e-5 N m s, energy
+    to 1e-4 J."""
     s = simulation_of(load_scene_text(PLATE, overrides=[f'integrator.form={form}']))
     bodies = s.model.tables.bodies
 

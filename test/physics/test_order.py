@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_forms import driven_four_bar, falling_four_bar, heavy_body, pendulum, spring_mass, steady_top, torque_free_top
+from closed_forms import (
+    driven_four_bar,
+    falling_four_bar,
+    heavy_body,
+    pendulum,
+    spring_mass,
+    steady_top,
+    torque_free_top,
+)
 from convergence import FIELDS, orders
 
 TIMES = 0.08 * np.arange(1, 11)
@@ -27,7 +35,8 @@ PROBLEMS = {
 @pytest.mark.parametrize('rho_inf', [1.0, 0.8, 0.0])
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_errors_fall_with_the_square_of_the_step(name, rho_inf, mode):
-    """Slope 2.0 +- 0.15 of the largest error over 0.8 s, against closed forms (closed_forms.py) and three step sizes."""
+    """Slope 2.0 +- 0.15 of the largest error over 0.8 s, against closed forms (closed_forms.py) and three step
+    sizes."""
     problem, steps, fields = PROBLEMS[name]
     slopes, table = orders(problem, steps, TIMES, rho_inf=rho_inf, **MODES[mode])
     judged = [FIELDS.index(f) for f in fields]

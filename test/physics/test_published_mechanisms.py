@@ -1,4 +1,5 @@
-"""Benchmark mechanisms (IFToMM library [Gonzalez2006], IVP test set [Mazzia2008]) from their scene files, against published values."""
+"""Benchmark mechanisms (IFToMM library [Gonzalez2006], IVP test set [Mazzia2008]) from their scene files, against
+published values."""
 
 from __future__ import annotations
 
@@ -25,7 +26,11 @@ def points(snapshot, body: int, position) -> np.ndarray:
 def test_pendulum_meets_the_high_criterion_over_ten_seconds():
     """A01: at most 1e-3 m at any of the published times, energy to 5e-5 J, velocity at 10 s to the same accuracy."""
     s = simulation('pendulum')
-    published = {1: (0.986291751132, -0.165010853126), 5: (-0.942305435044, -0.334754338414), 10: (-0.275087462576, -0.961419205099)}
+    published = {
+        1: (0.986291751132, -0.165010853126),
+        5: (-0.942305435044, -0.334754338414),
+        10: (-0.275087462576, -0.961419205099),
+    }
     for t, xy in published.items():
         snapshot = s.advance(t * 1000 - s.k)
         np.testing.assert_allclose(points(snapshot, 0, (-1, 0, 0))[:2], xy, rtol=0, atol=1e-3)
@@ -33,7 +38,8 @@ def test_pendulum_meets_the_high_criterion_over_ten_seconds():
     assert s.totals()['energy_error_max'] < 5e-5
 
 
-# coordinate of the mechanism file: value at t = 0 and at 0.03 s (IVP test set; Phi and Omega change their sign, epsilon falls)
+# coordinate of the mechanism file: value at t = 0 and at 0.03 s (IVP test set; Phi and Omega change their sign, epsilon
+# falls)
 SQUEEZER = {
     'O': (-0.06171389001427650, 15.81077119629904),
     'K': (0.0, -15.75637105984298),
@@ -55,7 +61,8 @@ def squeezer_error(**integrator) -> float:
 
 
 def test_squeezer_reaches_its_published_position_with_fixed_steps():
-    """A03 and IVP test set: within 1e-4 rad in every angle after 3000 steps of two iterations, converging at second order."""
+    """A03 and IVP test set: within 1e-4 rad in every angle after 3000 steps of two iterations, converging at second
+    order."""
     coarse = squeezer_error(h=1e-5, mode='fixed', rho_inf=0.8, form='condensed')
     fine = squeezer_error(h=5e-6, mode='fixed', rho_inf=0.8, form='condensed')
     assert coarse < 1e-4
@@ -67,7 +74,8 @@ def test_squeezer_is_within_a_microradian_at_tight_tolerance():
 
 
 def test_squeezer_with_order_four_is_within_1e_7_at_a_few_times_the_cost():
-    """1500 steps of three iterations, each taken as one and as two: three iterations for one, and a factorization of the masses."""
+    """1500 steps of three iterations, each taken as one and as two: three iterations for one, and a factorization of
+    the masses."""
     settings = {'mode': 'fixed', 'iterations': 3, 'rho_inf': 1, 'form': 'condensed'}
     coarse, fine = (squeezer_error(h=h, order=4, **settings) for h in (4e-5, 2e-5))
     assert fine < 1e-7
@@ -82,7 +90,8 @@ def test_squeezer_with_order_four_is_within_1e_7_at_a_few_times_the_cost():
 
 
 def test_governor_with_order_four_is_within_1e_6_at_2_ms():
-    """Against a quarter of the step, after 1 s, and fourth order between 1 and 0.5 ms; second order is 3.5e-5 off at 2 ms."""
+    """Against a quarter of the step, after 1 s, and fourth order between 1 and 0.5 ms; second order is 3.5e-5 off at 2
+    ms."""
     poses = [
         simulation('flyball_governor', h=h, order=4, mode='fixed', rho_inf=1).advance(round(1 / h), audit=False).pose
         for h in (2e-3, 1e-3, 5e-4, 2.5e-4)
@@ -112,10 +121,13 @@ def test_bricard_mechanism_moves_although_its_count_of_freedoms_is_zero():
 
 @pytest.mark.slow
 def test_forty_four_bars_turn_as_one_pendulum_through_their_singular_positions():
-    """A02: ((N + 1)/3 + N) l phi'' = -((N + 1)/2 + N) g cos(phi); all cranks stay parallel over 10 s, the first is where the ODE says."""
+    """A02: ((N + 1)/3 + N) l phi'' = -((N + 1)/2 + N) g cos(phi); all cranks stay parallel over 10 s, the first is
+    where the ODE says."""
     n = 40
     ratio = ((n + 1) / 2 + n) / ((n + 1) / 3 + n) * G
-    exact = solve_ivp(lambda t, y: (y[1], -ratio * np.cos(y[0])), (0, 10), (np.pi / 2, -1.0), rtol=1e-12, atol=1e-12).y[0, -1]
+    exact = solve_ivp(lambda t, y: (y[1], -ratio * np.cos(y[0])), (0, 10), (np.pi / 2, -1.0), rtol=1e-12, atol=1e-12).y[
+        0, -1
+    ]
     s = simulation('four_bar_n')
     counts = s.describe()
     assert (counts['bodies'], counts['dof'], counts['redundant_constraints']) == (2 * n + 1, 1, 3 * n)
@@ -126,7 +138,8 @@ def test_forty_four_bars_turn_as_one_pendulum_through_their_singular_positions()
 
 
 def test_flyball_governor_keeps_its_angular_momentum_about_the_shaft():
-    """A05: only the bearing acts from outside; springs of 8e5 N/m and 4e4 N s/m at steps of 1 ms, 10 s, slider between its stops."""
+    """A05: only the bearing acts from outside; springs of 8e5 N/m and 4e4 N s/m at steps of 1 ms, 10 s, slider between
+    its stops."""
     s = simulation('flyball_governor')
     bodies = s.model.tables.bodies
 
@@ -144,7 +157,8 @@ def test_flyball_governor_keeps_its_angular_momentum_about_the_shaft():
 
 
 def test_slider_crank_passes_its_singular_positions_on_the_right_branch():
-    """The chapter's first example, 10 s at 1 ms: x = 2 cos(theta) of (2/3 + (2 + 4 m) sin^2 theta) theta'^2 / 2 + g sin theta = E."""
+    """The chapter's first example, 10 s at 1 ms: x = 2 cos(theta) of (2/3 + (2 + 4 m) sin^2 theta) theta'^2 / 2 + g sin
+    theta = E."""
     m = 0.01
 
     def rate(t, y):

@@ -1,4 +1,5 @@
-"""Independent integrators (index 1 explicit; stabilised index 2 by BDF, Radau and IDA) and the step agree within their error bars."""
+"""Independent integrators (index 1 explicit; stabilised index 2 by BDF, Radau and IDA) and the step agree within their
+error bars."""
 
 from __future__ import annotations
 
@@ -31,12 +32,17 @@ def kind(request) -> str:
     return request.param
 
 
-PROBLEMS = {'heavy body': heavy_body(0.8), 'falling four-bar': falling_four_bar(0.8), 'driven four-bar': driven_four_bar(6.0)}
+PROBLEMS = {
+    'heavy body': heavy_body(0.8),
+    'falling four-bar': falling_four_bar(0.8),
+    'driven four-bar': driven_four_bar(6.0),
+}
 
 
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_reference_integrators_reach_the_closed_forms(kind, name):
-    """Positions to 1e-5, velocities to 1e-4, multipliers to 1e-3 over 0.8 s at tolerance 1e-9 (Gear methods lose four digits)."""
+    """Positions to 1e-5, velocities to 1e-4, multipliers to 1e-3 over 0.8 s at tolerance 1e-9 (Gear methods lose four
+    digits)."""
     problem = PROBLEMS[name]
     simulation = simulation_of(scene_of(problem, h=0.08, kind=kind, tolerance=1e-9))
     assert isinstance(simulation.engine, Following)
@@ -81,9 +87,12 @@ AGREEMENT = {
     'chaplygin_sleigh': Agreement(duration=0.5, unique=4),
 }
 SCENES = Path(__file__).parents[2] / 'config' / 'scenes'
-MECHANISMS = sorted({*AGREEMENT, *(file.stem for file in SCENES.glob('*.yaml') if 'mechanism: mechanisms/' in file.read_text())})
+MECHANISMS = sorted(
+    {*AGREEMENT, *(file.stem for file in SCENES.glob('*.yaml') if 'mechanism: mechanisms/' in file.read_text())}
+)
 
-BY_BOTH = ('double_pendulum', 'four_bar', 'bricard', 'rolling_disc', 'flyball_governor')  # the others by both with `pytest -m long` only
+# the others by both with `pytest -m long` only
+BY_BOTH = ('double_pendulum', 'four_bar', 'bricard', 'rolling_disc', 'flyball_governor')
 # explicit methods cannot resolve the governor's 4e4 N s/m at light bodies
 PAIRS = [
     pytest.param(kind, name, marks=pytest.mark.long if kind == 'reference_ida' and name not in BY_BOTH else ())
@@ -93,19 +102,26 @@ PAIRS = [
 ]
 PAIRS += [
     pytest.param(*pair)
-    for pair in (('reference_bdf', 'flyball_governor'), ('reference_bdf', 'slider_crank'), ('reference_radau', 'slider_crank'))
+    for pair in (
+        ('reference_bdf', 'flyball_governor'),
+        ('reference_bdf', 'slider_crank'),
+        ('reference_radau', 'slider_crank'),
+    )
 ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'name'), PAIRS, indirect=['kind'])
 def test_motion_and_unique_reactions_agree_within_both_error_bars(kind, name):
-    """Every mechanism: within three times the change of the step's last halving plus the reference's change from 1e-7 to 1e-9."""
+    """Every mechanism: within three times the change of the step's last halving plus the reference's change from 1e-7
+    to 1e-9."""
     about = AGREEMENT.get(name, Agreement())
     scene = load_scene(name, about.overrides)
 
     def run(**settings) -> tuple[np.ndarray, np.ndarray, Simulation]:
-        simulation = simulation_of(dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, **settings)))
+        simulation = simulation_of(
+            dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, **settings))
+        )
         snapshot = simulation.advance(round(about.duration / simulation.h))
         return np.concatenate([snapshot.pose.ravel(), snapshot.twist.ravel()]), snapshot.reactions, simulation
 
@@ -125,7 +141,9 @@ def test_motion_and_unique_reactions_agree_within_both_error_bars(kind, name):
 def test_analytic_jacobians_are_the_derivatives_of_the_residual(rng):
     """Central differences to 1e-6 of the largest entry, at random unknowns with dMu/dt = 0."""
     pytest.importorskip('scipy_dae')
-    simulation = simulation_of(load_scene('slider_crank', ['integrator.kind=reference_bdf', 'mechanism.gravity=[1, -9, 2]']))
+    simulation = simulation_of(
+        load_scene('slider_crank', ['integrator.kind=reference_bdf', 'mechanism.gravity=[1, -9, 2]'])
+    )
     assert isinstance(simulation.engine, Following)
     solver = simulation.engine.solver
     assert isinstance(solver, Stabilised)
@@ -149,7 +167,8 @@ def test_analytic_jacobians_are_the_derivatives_of_the_residual(rng):
 
 
 def test_analytic_jacobians_with_internal_states(rng):
-    """Light car at 20 m/s, tires and brakes disturbed: central differences to what rounding of its forces (1e5 N) leaves of them."""
+    """Light car at 20 m/s, tires and brakes disturbed: central differences to what rounding of its forces (1e5 N)
+    leaves of them."""
     pytest.importorskip('scipy_dae')
     simulation = simulation_of(load_scene('light_car_straight', ['integrator.kind=reference_bdf']))
     assert isinstance(simulation.engine, Following)
@@ -168,9 +187,14 @@ def test_analytic_jacobians_with_internal_states(rng):
 
 @pytest.mark.slow
 def test_a_car_with_internal_states_runs_on_every_reference(kind):
-    """Tires and brakes included: 10 ms of a step steer, positions to 1e-6 m and tire forces to 1 % of the load of the step's."""
-    scene = load_scene('light_car_straight', ['integrator.h=0.01', f'integrator.kind={kind}', 'integrator.tolerance=1e-6'])
-    ours = Simulation(dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, kind='alf', h=1e-3))).advance(10)
+    """Tires and brakes included: 10 ms of a step steer, positions to 1e-6 m and tire forces to 1 % of the load of the
+    step's."""
+    scene = load_scene(
+        'light_car_straight', ['integrator.h=0.01', f'integrator.kind={kind}', 'integrator.tolerance=1e-6']
+    )
+    ours = Simulation(
+        dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, kind='alf', h=1e-3))
+    ).advance(10)
     reference = simulation_of(scene).advance()
     np.testing.assert_allclose(reference.pose[:, :3], ours.pose[:, :3], rtol=0, atol=1e-6)
     np.testing.assert_allclose(reference.tire[:, :3], ours.tire[:, :3], rtol=0, atol=1e-2 * ours.tire[0, 2])
@@ -186,16 +210,21 @@ def test_reset_repeats_a_reference_run():
 
 @pytest.mark.slow
 def test_stabilised_methods_stop_at_a_singular_position_with_one_sentence():
-    """Slider-crank at theta = 90 deg (0.39 s): rank 22 of 23. Most neighbours of the start stop there, as rounding lets them see it."""
+    """Slider-crank at theta = 90 deg (0.39 s): rank 22 of 23. Most neighbours of the start stop there, as rounding lets
+    them see it."""
     pytest.importorskip('scipy_dae')
-    scene = load_scene('slider_crank', ['integrator.kind=reference_bdf', 'integrator.h=0.1', 'integrator.tolerance=1e-8'])
+    scene = load_scene(
+        'slider_crank', ['integrator.kind=reference_bdf', 'integrator.h=0.1', 'integrator.tolerance=1e-8']
+    )
     stopped = []
     for neighbour in neighbours(scene):
         simulation = simulation_of(neighbour)
         try:
             simulation.advance(10)
         except StepError as error:
-            stopped.append(bool(re.match(r't = 0\.3[89]\d+ s, step \d: reference_bdf stopped: .* singular position', str(error))))
+            stopped.append(
+                bool(re.match(r't = 0\.3[89]\d+ s, step \d: reference_bdf stopped: .* singular position', str(error)))
+            )
         else:
             stopped.append(False)
     assert median(stopped) == 1, stopped
@@ -207,7 +236,8 @@ def test_a_missing_package_is_one_sentence_with_the_extra_to_install(monkeypatch
 
     monkeypatch.setattr(importlib, 'import_module', missing)
     with pytest.raises(
-        SpecError, match=r"integrator: kind = 'reference_ida': needs the package scikit-sundae; .*mbd_sim_ros\[references\]"
+        SpecError,
+        match=r"integrator: kind = 'reference_ida': needs the package scikit-sundae; .*mbd_sim_ros\[references\]",
     ):
         simulation_of(load_scene('pendulum', ['integrator.kind=reference_ida']))
 

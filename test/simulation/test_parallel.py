@@ -13,7 +13,8 @@ from solver.files.scene import load_scene
 from solver.parallel import advance_all
 from solver.simulation import Simulation
 
-SCENES = ('light_car_step_steer', 'light_car_circle', 'slider_crank', 'slider_crank')  # with and without a driver; one twice
+# with and without a driver; one twice
+SCENES = ('light_car_step_steer', 'light_car_circle', 'slider_crank', 'slider_crank')
 
 
 def test_threads_change_no_bits():
@@ -46,7 +47,8 @@ def test_a_failure_stops_only_its_own_simulation():
 
 
 def test_a_step_in_a_batch_does_not_hold_the_interpreter_lock():
-    """While one thread is in the compiled steps of one call, this one gets on: it sees the call begun and not yet ended."""
+    """While one thread is in the compiled steps of one call, this one gets on: it sees the call begun and not yet
+    ended."""
     simulation = Simulation(load_scene('slider_crank', ['duration=1000']))
     inputs = simulation.inputs.copy()
     simulation.advance(1, inputs)

@@ -20,7 +20,13 @@ from solver.simulation import Simulation
 TOLERANCE = 'integrator.mode=tolerance'
 ADAPTIVE = ('integrator.augmentation=plain', 'integrator.penalty=100', 'integrator.penalty_policy=adaptive')
 RUNS = {
-    'error': ('double_pendulum', TOLERANCE, 'integrator.step_policy=error', 'integrator.h=0.02', 'integrator.error_tolerance=1e-4'),
+    'error': (
+        'double_pendulum',
+        TOLERANCE,
+        'integrator.step_policy=error',
+        'integrator.h=0.02',
+        'integrator.error_tolerance=1e-4',
+    ),
     'penalties': ('slider_crank', TOLERANCE, *ADAPTIVE),
     'constant': ('slider_crank', 'integrator.step_policy=constant'),
     'rescue': ('slider_crank',),
@@ -43,7 +49,8 @@ def changed(saved: bytes, **arrays: np.ndarray | None) -> bytes:
 
 @pytest.mark.parametrize('name', ['error', 'penalties', 'constant'])
 def test_a_run_that_was_resumed_reports_what_one_without_a_stop_does(name: str) -> None:
-    """From its state in a new simulation and in the one that went on, and from its pickle, from where it has adapted already."""
+    """From its state in a new simulation and in the one that went on, and from its pickle, from where it has adapted
+    already."""
     s = of(name)
     s.advance(40)
     saved, pickled, before = s.save(), pickle.dumps(s), s.totals()
@@ -69,7 +76,9 @@ def test_counts_are_whole_numbers_after_a_restart_too() -> None:
     s, other = of('error'), of('error')
     s.advance(10)
     other.restore(s.save())
-    assert {name: type(value) for name, value in other.totals().items()} == {name: type(value) for name, value in s.totals().items()}
+    assert {name: type(value) for name, value in other.totals().items()} == {
+        name: type(value) for name, value in s.totals().items()
+    }
 
 
 def test_steps_of_a_run_with_constant_steps_are_counted_by_one_that_may_divide_them() -> None:
@@ -83,9 +92,18 @@ def test_steps_of_a_run_with_constant_steps_are_counted_by_one_that_may_divide_t
 
 SAVE_ANEW = 'save it anew with this version, or go on with the version that saved it'
 FORMATS = {
-    'of 0.1': (None, f'restore: the saved state has format 1, and this version of mbd_sim_ros reads format {FORMAT}: {SAVE_ANEW}'),
-    'older': (FORMAT - 1, f'has format {FORMAT - 1}, and this version of mbd_sim_ros reads format {FORMAT}: {SAVE_ANEW}'),
-    'newer': (FORMAT + 1, f'has format {FORMAT + 1}, and this version of mbd_sim_ros reads format {FORMAT}: update mbd_sim_ros'),
+    'of 0.1': (
+        None,
+        f'restore: the saved state has format 1, and this version of mbd_sim_ros reads format {FORMAT}: {SAVE_ANEW}',
+    ),
+    'older': (
+        FORMAT - 1,
+        f'has format {FORMAT - 1}, and this version of mbd_sim_ros reads format {FORMAT}: {SAVE_ANEW}',
+    ),
+    'newer': (
+        FORMAT + 1,
+        f'has format {FORMAT + 1}, and this version of mbd_sim_ros reads format {FORMAT}: update mbd_sim_ros',
+    ),
     'several numbers': ([FORMAT, 1], 'restore: format has shape (2,)'),
     'text': ('2', 'restore: format has'),
 }

@@ -1,7 +1,8 @@
-"""Mechanisms whose bodies hold each other, light ones that carry heavy ones, and singular positions, with the default penalty.
+"""Mechanisms whose bodies hold each other, light ones that carry heavy ones, and singular positions, with the default
+penalty.
 
-Isolated effective masses are smaller by up to ten powers of ten than the coupled ones here, so plain augmentations with the default
-penalty close nearly nothing in some directions (docs/decisions/0010-effective-masses.md).
+Isolated effective masses are smaller by up to ten powers of ten than the coupled ones here, so plain augmentations with
+the default penalty close nearly nothing in some directions (docs/decisions/0010-effective-masses.md).
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ def simulation(mechanism: dict[str, Any], *settings: str, **rest: Any) -> Simula
     return Simulation(load_scene_text(text, 'mechanism', [f'integrator.{setting}' for setting in settings]))
 
 
-def hinge(i: str, j: str, x: float, y: float, kind: str = 'revolute', axis: tuple[float, float, float] = (0, 0, 1)) -> dict[str, Any]:
+def hinge(
+    i: str, j: str, x: float, y: float, kind: str = 'revolute', axis: tuple[float, float, float] = (0, 0, 1)
+) -> dict[str, Any]:
     return {'kind': kind, 'i': i, 'j': j, 'at': [x, y, 0], 'axis': axis}
 
 
@@ -35,7 +38,8 @@ def scissor(cells: int, *settings: str) -> Simulation:
     for k in range(cells):
         for name, angle in (('a', np.pi / 3), ('b', 2 * np.pi / 3)):
             bodies[f'{name}{k}'] = {
-                'mass': 1, 'inertia': [1e-4, ROD, ROD], 'position': [width / 2, (k + 0.5) * height, 0], 'rpy': [0, 0, angle]
+                'mass': 1, 'inertia': [1e-4, ROD, ROD], 'position': [width / 2, (k + 0.5) * height, 0],
+                'rpy': [0, 0, angle]
             }  # fmt: skip
         joints[f'cross{k}'] = hinge(f'a{k}', f'b{k}', width / 2, (k + 0.5) * height)
         if k > 0:
@@ -48,7 +52,9 @@ def scissor(cells: int, *settings: str) -> Simulation:
 
 def rope(links: int, mass: float, *settings: str) -> Simulation:
     """A horizontal chain of rods of 1 kg and 1 m with a point mass at its end."""
-    bodies: dict[str, Any] = {f'b{k}': {'mass': 1, 'inertia': [1e-6, ROD, ROD], 'position': [k + 0.5, 0, 0]} for k in range(links)}
+    bodies: dict[str, Any] = {
+        f'b{k}': {'mass': 1, 'inertia': [1e-6, ROD, ROD], 'position': [k + 0.5, 0, 0]} for k in range(links)
+    }
     bodies['tip'] = {'mass': mass, 'inertia': [0.1 * mass] * 3, 'position': [links, 0, 0]}
     names = ['world', *bodies]
     joints = {f'j{k}': hinge(names[k], names[k + 1], k, 0) for k in range(links + 1)}
@@ -63,7 +69,13 @@ def crank(longer: float, *settings: str) -> Simulation:
     slider = x + length * np.cos(slope)
     bodies = {
         'crank': {'mass': 1, 'inertia': [1e-4, ROD, ROD], 'com': [0.5, 0, 0], 'rpy': [0, 0, np.pi / 4]},
-        'rod': {'mass': 1, 'inertia': [1e-4, ROD, ROD], 'com': [length / 2, 0, 0], 'position': [x, y, 0], 'rpy': [0, 0, slope]},
+        'rod': {
+            'mass': 1,
+            'inertia': [1e-4, ROD, ROD],
+            'com': [length / 2, 0, 0],
+            'position': [x, y, 0],
+            'rpy': [0, 0, slope],
+        },
         'slider': {'mass': 0, 'inertia': [0, 0, 0], 'position': [slider, 0, 0]},
     }
     joints = {
@@ -94,11 +106,14 @@ def test_a_tall_scissor_moves_as_with_multipliers_of_its_own(cells: int, h: floa
 @pytest.mark.parametrize('mode', ['fixed', 'tolerance'])
 @pytest.mark.parametrize('mass', [1e4, 1e6])
 def test_a_light_rope_carries_a_heavy_mass(mass: float, mode: str) -> None:
-    """As with multipliers of its own at every step: what augmentations leave open is below the rounding of the reference, 1e-6 m."""
+    """As with multipliers of its own at every step: what augmentations leave open is below the rounding of the
+    reference, 1e-6 m."""
     own = ('form=block', 'penalty=1e9', 'iterations=4')
     for h in (1e-2, 5e-3, 2e-3, 1e-3):
         s = rope(10, mass, f'h={h}', f'mode={mode}')
-        assert np.abs(positions(s, 0.5) - positions(rope(10, mass, f'h={h}', *own), 0.5))[-1, :3].max() < 1e-6, f'h = {h}'
+        assert np.abs(positions(s, 0.5) - positions(rope(10, mass, f'h={h}', *own), 0.5))[-1, :3].max() < 1e-6, (
+            f'h = {h}'
+        )
         assert s.totals()['position_drift_max'] < 1e-6
 
 
@@ -129,7 +144,12 @@ def test_a_crank_too_fast_for_its_step_ends_with_a_sentence_or_keeps_its_energy(
 @pytest.mark.parametrize('loops', [2, 5, 10, 20])
 def test_linkages_pass_the_horizontal_with_any_number_of_iterations(loops: int, iterations: int) -> None:
     for h in np.round(np.geomspace(1e-3, 20e-3, 30), 9)[10::4]:
-        sets = [f'mechanism.loops={loops}', f'integrator.h={h}', 'integrator.mode=fixed', f'integrator.iterations={iterations}']
+        sets = [
+            f'mechanism.loops={loops}',
+            f'integrator.h={h}',
+            'integrator.mode=fixed',
+            f'integrator.iterations={iterations}',
+        ]
         s = Simulation(load_scene('four_bar_n', sets))
         s.advance(round(5 / s.h))
         # about 40 loops h^2 away from the horizontal
@@ -139,7 +159,10 @@ def test_linkages_pass_the_horizontal_with_any_number_of_iterations(loops: int, 
 def test_a_single_iteration_of_a_stiff_model_is_of_second_order_at_its_own_cost() -> None:
     def end(h: float, iterations: int) -> tuple[np.ndarray, dict[str, float]]:
         s = Simulation(
-            load_scene('flyball_governor', [f'integrator.h={h}', 'integrator.mode=fixed', f'integrator.iterations={iterations}'])
+            load_scene(
+                'flyball_governor',
+                [f'integrator.h={h}', 'integrator.mode=fixed', f'integrator.iterations={iterations}'],
+            )
         )
         return positions(s, 1.0), s.totals()
 
@@ -161,7 +184,9 @@ def test_a_whip_is_followed_until_it_has_settled() -> None:
     """
     ends = {}
     for settings in (('mode=fixed',), ('mode=tolerance',)):
-        s = Simulation(load_scene_text(text, 'whip', ['integrator.h=0.005', *(f'integrator.{setting}' for setting in settings)]))
+        s = Simulation(
+            load_scene_text(text, 'whip', ['integrator.h=0.005', *(f'integrator.{setting}' for setting in settings)])
+        )
         s.advance(640)  # the whip cracks at 3.15 s, with 2700 m/s^2
         assert s.totals()['residual_max'] < 1e-2
         ends[settings] = s.state.q[0, :3].copy()
@@ -169,9 +194,12 @@ def test_a_whip_is_followed_until_it_has_settled() -> None:
 
 
 def test_error_control_that_rounding_stops_names_the_singular_position() -> None:
-    """Within 1e-5 rad of the line of crank and rod every step is wrong by more than 1e-5 / s, however small; the default passes it."""
+    """Within 1e-5 rad of the line of crank and rod every step is wrong by more than 1e-5 / s, however small; the
+    default passes it."""
     s = crank(1e-5, 'h=0.01', 'mode=tolerance', 'step_policy=error', 'error_tolerance=1e-6')
-    says = 'passes next to a singular position, where constraint .* hardly holds it.*take integrator.step_policy: rescue'
+    says = (
+        'passes next to a singular position, where constraint .* hardly holds it.*take integrator.step_policy: rescue'
+    )
     with pytest.raises(StepError, match=says):
         s.advance(500)
     passes = crank(1e-5, 'h=0.001')

@@ -1,13 +1,15 @@
-"""What no formula can fake: a mechanism moves in the same way wherever it is, however it is turned, mirrored or measured; what is passive
-gains no energy; what was saved goes on with the same bits; a unit in the last place stays about that.
+"""What no formula can fake: a mechanism moves in the same way wherever it is, however it is turned, mirrored or
+measured; what is passive gains no energy; what was saved goes on with the same bits; a unit in the last place stays
+about that.
 
-Tolerance of a comparison: a run rounds the solution of its matrix, which has the penalties in it, so numbers of the size one carry
-ROUNDING = 10 eps penalty (docs/formulation.md, Rounding), and a motion carries them on as far as it carries on a perturbation of its
-start, which is measured. At a distance D every step rounds positions by eps D, and its velocity by eps D / h: over n steps this walks to
-n^1.5 eps D.
+Tolerance of a comparison: a run rounds the solution of its matrix, which has the penalties in it, so numbers of the
+size one carry ROUNDING = 10 eps penalty (docs/formulation.md, Rounding), and a motion carries them on as far as it
+carries on a perturbation of its start, which is measured. At a distance D every step rounds positions by eps D, and its
+velocity by eps D / h: over n steps this walks to n^1.5 eps D.
 
-Iterations go to a tolerance: after a fixed number of them something is left that is not rounding, and of scissors and overconstrained
-linkages rounding decides what (which directions are combined first). What is saved and what is passive is shown with the default.
+Iterations go to a tolerance: after a fixed number of them something is left that is not rounding, and of scissors and
+overconstrained linkages rounding decides what (which directions are combined first). What is saved and what is passive
+is shown with the default.
 """
 
 from __future__ import annotations
@@ -35,13 +37,16 @@ from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
 
 H, STEPS = 2e-3, 100
-FINER = {'springs': 2e-4}  # s; what a step leaves unresolved at the start is judged by sizes in m and rad together (solver.start.newton)
+# s; what a step leaves unresolved at the start is judged by sizes in m and rad together (solver.start.newton)
+FINER = {'springs': 2e-4}
 EXACT = {'mode': 'tolerance', 'tolerance': 1e-12}
 ROUNDING = 10 * EPS * IntegratorSettings().penalty
 NUDGE = 1e-6  # relative, of start velocities and gravity
 SEED = 7
 QUICK = ('slider_crank', 'tree', 'springs', 'rolling')
-MECHANISMS = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in ('slider_crank', *FAMILIES)]
+MECHANISMS = [
+    pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in ('slider_crank', *FAMILIES)
+]
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 
 
@@ -72,8 +77,12 @@ def nudged(given: Scene) -> Scene:
     def all_of(x: tuple[float, ...]) -> tuple[float, ...]:
         return tuple((1.0 + NUDGE) * c for c in x)
 
-    bodies = tuple(b.replace(velocity=all_of(b.velocity), angular_velocity=all_of(b.angular_velocity)) for b in given.model.bodies)
-    return dataclasses.replace(given, model=dataclasses.replace(given.model, bodies=bodies, gravity=all_of(given.model.gravity)))
+    bodies = tuple(
+        b.replace(velocity=all_of(b.velocity), angular_velocity=all_of(b.angular_velocity)) for b in given.model.bodies
+    )
+    return dataclasses.replace(
+        given, model=dataclasses.replace(given.model, bodies=bodies, gravity=all_of(given.model.gravity))
+    )
 
 
 def carried_on(given: Scene) -> float:
@@ -121,8 +130,11 @@ def test_it_moves_alike_in_other_units(name: str, length: float, mass: float) ->
     ids=['micrograms in mm', 'nanograms', 'hours', 'micro', 'crane'],
 )
 @pytest.mark.parametrize('name', ['tree', 'springs', 'bushings', 'rolling', 'space_loop', 'parallelogram'])
-def test_the_same_mechanism_in_other_units_has_the_same_digits_and_verdict(name: str, length: float, mass: float, time: float) -> None:
-    """With the settings that everybody has: a fixed number of iterations, and no floor in any of its decisions that has a unit."""
+def test_the_same_mechanism_in_other_units_has_the_same_digits_and_verdict(
+    name: str, length: float, mass: float, time: float
+) -> None:
+    """With the settings that everybody has: a fixed number of iterations, and no floor in any of its decisions that has
+    a unit."""
     given, t = scene(name), in_units(length, mass, time)
     settings = dataclasses.replace(given.integrator, h=round(time * given.integrator.h, 9))
     there = dataclasses.replace(given, model=t.model(given.model), integrator=settings, duration=time * given.duration)
@@ -143,7 +155,9 @@ def test_a_unit_in_the_last_place_stays_small(name: str) -> None:
         first = model.bodies[0]
         x, y, z = first.position
         w = first.angular_velocity
-        moved = first.replace(position=(float(np.nextafter(x, 9.0)), y, z), angular_velocity=(float(np.nextafter(w[0], 9.0)), w[1], w[2]))
+        moved = first.replace(
+            position=(float(np.nextafter(x, 9.0)), y, z), angular_velocity=(float(np.nextafter(w[0], 9.0)), w[1], w[2])
+        )
         return dataclasses.replace(model, bodies=(moved, *model.bodies[1:]))
 
     assert apart(end(changed(given, nextafter)), end(given)) <= ROUNDING * carried_on(given)
@@ -176,12 +190,16 @@ def passive(model: ModelSpec) -> ModelSpec:
 
 @pytest.mark.parametrize('name', MECHANISMS)
 def test_what_is_passive_gains_no_energy(name: str) -> None:
-    """Beyond what the method is off by, which falls with the square of the step: a fiftieth of a percent of what is exchanged at 1 ms, and
-    what numbers written with six digits leave open of the kinetic energy."""
+    """Beyond what the method is off by, which falls with the square of the step: a fiftieth of a percent of what is
+    exchanged at 1 ms, and what numbers written with six digits leave open of the kinetic energy."""
     gains = {}
     for h in (2e-3, 1e-3):
         given = scene(name)
-        s = Simulation(dataclasses.replace(given, model=passive(given.model), maneuver=Maneuver(), integrator=IntegratorSettings(h=h)))
+        s = Simulation(
+            dataclasses.replace(
+                given, model=passive(given.model), maneuver=Maneuver(), integrator=IntegratorSettings(h=h)
+            )
+        )
         start = s.last_step.account.energy[0]
         highest = start
         for _ in range(round(0.5 / h)):
@@ -193,10 +211,13 @@ def test_what_is_passive_gains_no_energy(name: str) -> None:
 
 
 def car(name: str) -> Scene:
-    """A car in a slalom at 80 km/h, from its design position: the search for an equilibrium ends before the last digits."""
+    """A car in a slalom at 80 km/h, from its design position: the search for an equilibrium ends before the last
+    digits."""
     steering = '{kind: sine, amplitude: 0.6, frequency: 1.0, start: 0.05}'
     settings = f'integrator={{h: {H}, mode: tolerance, tolerance: 1.0e-12}}'
-    return load_scene(name, ['start={speed_kmh: 80}', f'maneuver={{drive_torque: 150, steering: {steering}}}', settings])
+    return load_scene(
+        name, ['start={speed_kmh: 80}', f'maneuver={{drive_torque: 150, steering: {steering}}}', settings]
+    )
 
 
 @pytest.mark.slow

@@ -55,13 +55,18 @@ def test_families_have_what_they_are_named_after() -> None:
         assert draw('rolling', seed).scene.model.contacts
 
 
-def second_order(error: float, *, off: dict[float, float] | None = None, fast: float = 0.0) -> list[tuple[float, str, str, float, float]]:
-    """Runs with an error of second order, but for those in `off`; fast: amplitude of a vibration that no step resolves."""
+def second_order(
+    error: float, *, off: dict[float, float] | None = None, fast: float = 0.0
+) -> list[tuple[float, str, str, float, float]]:
+    """Runs with an error of second order, but for those in `off`; fast: amplitude of a vibration that no step
+    resolves."""
     d = {h: max(h * h, fast) for h in STEPS}
     return [(h, 'ok', '', (off or {}).get(h, error * d[h]), d[h]) for h in STEPS]
 
 
-def judgements(found: list[tuple[float, str, str, float, float]], spread: float = 1e-12, *, smooth: bool = True) -> list[str]:
+def judgements(
+    found: list[tuple[float, str, str, float, float]], spread: float = 1e-12, *, smooth: bool = True
+) -> list[str]:
     return [run.judgement for run in classify(found, spread, 1.0, smooth=smooth)]
 
 
@@ -100,7 +105,8 @@ def test_who_agrees_with_a_reference_whose_steps_collapse_is_right_and_who_does_
 
 
 def test_a_run_beside_none_that_is_ok_is_held_against_the_next_coarser_one() -> None:
-    """A vibration that loses its phase: errors of second order, a hundred times what a step does not see. Only the finest is ok."""
+    """A vibration that loses its phase: errors of second order, a hundred times what a step does not see. Only the
+    finest is ok."""
     for off, judgement in ((100.0, RIGHT), (900.0, WRONG)):
         found = second_order(100.0, off={STEPS[-1]: off * STEPS[-1] ** 2})
         found[:-1] = [(h, 'suspect', 'because', error, d) for h, _, _, error, d in found[:-1]]
@@ -122,13 +128,16 @@ def test_what_no_reference_resolves_is_undecided() -> None:
 @pytest.mark.long
 @pytest.mark.slow
 def test_a_reference_that_leaves_its_branch_decides_nothing() -> None:
-    """A constant-velocity joint folds over by 180 degrees. The default goes on as before; the reference turns the body by half a turn about
-    itself within a microsecond, at both tolerances alike and with the same energy."""
-    judged = judge(next(m for m in (drawn(k, 1) for k in range(1000)) if m.name == 'tree_1000010'), (STEPS[-1], 0.5 * STEPS[-1]))
+    """A constant-velocity joint folds over by 180 degrees. The default goes on as before; the reference turns the body
+    by half a turn about itself within a microsecond, at both tolerances alike and with the same energy."""
+    judged = judge(
+        next(m for m in (drawn(k, 1) for k in range(1000)) if m.name == 'tree_1000010'), (STEPS[-1], 0.5 * STEPS[-1])
+    )
     assert [run.judgement for run in judged.runs] == [TOLD, UNDECIDED]
 
 
-QUICK = (*range(1, 7), 8, 9, 12, 13, 14)  # one of a family, whose references take least; two more of each take three minutes
+# one of a family, whose references take least; two more of each take three minutes
+QUICK = (*range(1, 7), 8, 9, 12, 13, 14)
 SLOW = {
     'parallelogram',
     'springs',
@@ -141,7 +150,9 @@ def test_one_of_a_family_is_judged_always() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('number', [pytest.param(k, marks=() if k in QUICK else pytest.mark.long) for k in range(JUDGED)])
+@pytest.mark.parametrize(
+    'number', [pytest.param(k, marks=() if k in QUICK else pytest.mark.long) for k in range(JUDGED)]
+)
 def test_the_default_neither_fails_nor_lies(number: int) -> None:
     mechanism = drawn(number, 2026)
     judged = judge(mechanism)

@@ -1,11 +1,14 @@
-"""The slider-crank with equal rods, the constant-velocity joint and Sarrus linkages pass their singular positions, each on its branch.
+"""The slider-crank with equal rods, the constant-velocity joint and Sarrus linkages pass their singular positions, each
+on its branch.
 
-The slider-crank with equal rods passes its singular positions from any starting phase, at any step, damped and conserving.
+The slider-crank with equal rods passes its singular positions from any starting phase, at any step, damped and
+conserving.
 
-Starts, exact motion and limits: mbd_sim_ros.lab.studies.crank. PHASES can be raised through the environment (MBD_PHASES=200);
-`mbd study slider_crank_phases` is the full study with its report. The starts are an ensemble: uniform phases, each so many units in the
-last place off as it is its turn, and the limits hold for every one. The largest error there is does not depend on the last place: of
-three neighbours of each phase the slider ends within 2e-7 m, and the smallest margin is 2e-5 m.
+Starts, exact motion and limits: mbd_sim_ros.lab.studies.crank. PHASES can be raised through the environment
+(MBD_PHASES=200); `mbd study slider_crank_phases` is the full study with its report. The starts are an ensemble: uniform
+phases, each so many units in the last place off as it is its turn, and the limits hold for every one. The largest error
+there is does not depend on the last place: of three neighbours of each phase the slider ends within 2e-7 m, and the
+smallest margin is 2e-5 m.
 """
 
 from __future__ import annotations
@@ -31,7 +34,11 @@ PHASES = int(os.environ.get('MBD_PHASES', '12'))
 TOLERANCE = {'rho_inf': 0.9, 'mode': 'tolerance'}
 
 
-SETTINGS = {'conserving': (crank.CONSERVING, 'conserving'), 'damped': (crank.DAMPED, 'damped'), 'tolerance': (TOLERANCE, 'damped')}
+SETTINGS = {
+    'conserving': (crank.CONSERVING, 'conserving'),
+    'damped': (crank.DAMPED, 'damped'),
+    'tolerance': (TOLERANCE, 'damped'),
+}
 BETWEEN = (0.005, 0.002)  # s; these steps lie between others that are judged by the same limits
 
 
@@ -44,7 +51,9 @@ BETWEEN = (0.005, 0.002)  # s; these steps lie between others that are judged by
         for name, given in SETTINGS.items()
     ],
 )
-def test_every_phase_passes_every_singular_position_on_its_branch(h: float, settings: dict[str, Any], limits: str) -> None:
+def test_every_phase_passes_every_singular_position_on_its_branch(
+    h: float, settings: dict[str, Any], limits: str
+) -> None:
     theta = crank.phases(PHASES) * (1.0 + EPS * np.resize(offsets(), PHASES))
     angles = crank.exact_angles(theta, crank.slider_mass(), np.array([crank.DURATION]))[:, 0]
     for start, angle in zip(theta, angles, strict=True):
@@ -71,9 +80,9 @@ SWING = 2.0 * 9.81 * 0.3 / (0.01 + 2.0 * 0.3**2)  # 1/s^2, its acceleration when
 
 @pytest.mark.parametrize('seed', range(4))
 def test_a_constant_velocity_joint_folds_right_over_and_does_not_twist(seed: int) -> None:
-    """Where its shafts point against each other the row that forbids a twist has no gradient, and a second branch, twisted by half a turn,
-    begins. A bar that swings in a plane goes on as the pendulum that it is: its phase is off by (w h)^2 / 12 of w T, for w the largest
-    rate; twice that is allowed, since the rate is not constant."""
+    """Where its shafts point against each other the row that forbids a twist has no gradient, and a second branch,
+    twisted by half a turn, begins. A bar that swings in a plane goes on as the pendulum that it is: its phase is off by
+    (w h)^2 / 12 of w T, for w the largest rate; twice that is allowed, since the rate is not constant."""
     drawn = np.random.default_rng(seed)
     angle, rate, plane = drawn.uniform(1.0, 2.6), drawn.uniform(8.0, 15.0), drawn.uniform(0.0, 2.0 * np.pi)
     n = np.array([np.cos(plane), np.sin(plane), 0.0])
@@ -84,18 +93,23 @@ def test_a_constant_velocity_joint_folds_right_over_and_does_not_twist(seed: int
         q, w = start.as_quat().tolist(), start.inv().apply(rate * n).tolist()
         simulation = Simulation(load_scene_text(FLAIL.format(q=q, w=w, h=h), 'flail'))
         simulation.advance(simulation.scene.steps)
-        error = (Rotation.from_quat(simulation.state.q[0, 3:]) * Rotation.from_rotvec(exact[0, -1] * n).inv()).magnitude()
+        error = (
+            Rotation.from_quat(simulation.state.q[0, 3:]) * Rotation.from_rotvec(exact[0, -1] * n).inv()
+        ).magnitude()
         assert error < 2.0 * exact[1].max() ** 3 * h * h * 0.5 / 12.0, h
         assert not findings(simulation)
 
 
 class Linkage:
-    """A Sarrus linkage of the series of random mechanisms that falls without friction, and how far its rows are from dependent ones."""
+    """A Sarrus linkage of the series of random mechanisms that falls without friction, and how far its rows are from
+    dependent ones."""
 
     def __init__(self, number: int, h_ns: int, steps: int) -> None:
         h = h_ns * 1e-9
         self.simulation = Simulation(drawn(number, 0).at(round(steps * h, 9), h=h))
-        self.equations = Equations(self.simulation.model, self.simulation.model.new_outputs(), lambda _: np.zeros(0), np.zeros(0))
+        self.equations = Equations(
+            self.simulation.model, self.simulation.model.new_outputs(), lambda _: np.zeros(0), np.zeros(0)
+        )
         values = self._singular_values()
         self.rank = int((values > 1e-9 * values[0]).sum())
 
@@ -118,7 +132,8 @@ class Linkage:
 
 
 def singular_at(number: int, h_ns: int) -> int:
-    """The instant [ns] of the first singular position, from the weakest direction of the three steps before and behind it."""
+    """The instant [ns] of the first singular position, from the weakest direction of the three steps before and behind
+    it."""
     linkage = Linkage(number, h_ns, 1000)
     weakest = [linkage.weakest]
     while not (len(weakest) > 6 and weakest[-4] < 1e-2 and weakest[-4] == min(weakest[-7:])):
@@ -133,11 +148,13 @@ def singular_at(number: int, h_ns: int) -> int:
 @pytest.mark.slow
 @pytest.mark.parametrize('number', [14 * k + 9 for k in (3, 19, 27)])
 def test_a_step_that_ends_in_a_singular_position_is_as_good_as_others(number: int) -> None:
-    """There the rows of its end see nothing of a direction that carries a force. Left to its inertia for that step, the linkage went on
-    with another velocity. Ten times what steps miss that pass over it is allowed, as everywhere of neighbouring runs; it was 40 to 500."""
+    """There the rows of its end see nothing of a direction that carries a force. Left to its inertia for that step, the
+    linkage went on with another velocity. Ten times what steps miss that pass over it is allowed, as everywhere of
+    neighbouring runs; it was 40 to 500."""
     steps = round((instant := singular_at(number, 1_000_000)) / 1_000_000)
     missed = {}
-    for share in (0.0, 1e-3, -1e-3, 5e-2, -5e-2, 0.2, 0.4, 0.5, 0.6, 0.8):  # of a step, that the singular position is passed by
+    # of a step, that the singular position is passed by
+    for share in (0.0, 1e-3, -1e-3, 5e-2, -5e-2, 0.2, 0.4, 0.5, 0.6, 0.8):
         linkage = Linkage(number, round(instant / (steps - share)), steps + 200)
         before = linkage.energy
         linkage.simulation.advance(steps)
@@ -153,7 +170,8 @@ def test_a_step_that_ends_in_a_singular_position_is_as_good_as_others(number: in
 @pytest.mark.parametrize(
     ('name', 'h'),
     [
-        ('four_bar_n_2', 3.311013e-3),  # went on iterating 2.5e-5 rad from the singular position: off by 204 times the trend
+        # went on iterating 2.5e-5 rad from the singular position: off by 204 times the trend
+        ('four_bar_n_2', 3.311013e-3),
         ('four_bar_n_2', 6.906136e-3),
         ('four_bar_n_5', 3.453068e-3),
         ('four_bar_n_5', 1.233733e-3),
@@ -161,8 +179,8 @@ def test_a_step_that_ends_in_a_singular_position_is_as_good_as_others(number: in
     ],
 )
 def test_mode_tolerance_does_not_iterate_on_where_a_step_ends_next_to_a_singular_position(name, h):
-    """At the end of 10 s and some ten passages the crank is within ten times what second order leaves: 1e-5 m at 1 ms, the median of
-    hundreds of steps (mbd study change_points)."""
+    """At the end of 10 s and some ten passages the crank is within ten times what second order leaves: 1e-5 m at 1 ms,
+    the median of hundreds of steps (mbd study change_points)."""
     linkage = next(one for one in linkages() if one.name == name)
     steps = round(linkage.duration / h)
     simulation = Simulation(load_scene_text(linkage.text(h, steps, 1e6)))

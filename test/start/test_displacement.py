@@ -1,4 +1,5 @@
-"""A vehicle that is placed elsewhere goes on as it would have, turned and moved: a symmetry of the equations on a flat road."""
+"""A vehicle that is placed elsewhere goes on as it would have, turned and moved: a symmetry of the equations on a flat
+road."""
 
 from __future__ import annotations
 
@@ -39,8 +40,9 @@ def turned(numbers: np.ndarray, by: float) -> np.ndarray:
 
 
 def test_a_driver_sees_the_reference_frame_and_not_the_centre_of_mass():
-    """Turned by 90 degrees to the left, centre of mass at (0.5, 0.2, 0.3) in the body: (-0.2, 0.5) from the frame in the world. Its x axis
-    is y of the world: 2 m/s, and 0.02 more because the frame turns about the centre of mass: -(0.2 0.3 - 0.4 0.2)."""
+    """Turned by 90 degrees to the left, centre of mass at (0.5, 0.2, 0.3) in the body: (-0.2, 0.5) from the frame in
+    the world. Its x axis is y of the world: 2 m/s, and 0.02 more because the frame turns about the centre of mass:
+    -(0.2 0.3 - 0.4 0.2)."""
     q = np.array([10.0, 20.0, 1.0, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
     seen = sight(q, np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.4]), (0.5, 0.2, 0.3))
     assert seen == pytest.approx((10.2, 19.5, 0.5 * math.pi, 2.02), rel=1e-14)
@@ -48,7 +50,8 @@ def test_a_driver_sees_the_reference_frame_and_not_the_centre_of_mass():
 
 @pytest.mark.parametrize('overrides', [[], ['fidelity=single_track']], ids=['whole', 'single_track'])
 def test_a_place_at_which_the_parts_would_lose_their_lengths_is_refused_and_changes_nothing(overrides):
-    """At 1e300 m all parts would be in one point, and stay so when the vehicle is placed back. At 1e7 m lengths are rounded to 2e-9 m."""
+    """At 1e300 m all parts would be in one point, and stay so when the vehicle is placed back. At 1e7 m lengths are
+    rounded to 2e-9 m."""
     sim = solver.simulation_of(load_scene('light_car_step_steer', overrides))
     saved = sim.save()
     for x, y in ((1e300, 0.0), (0.0, -1.1e7), (math.inf, 0.0), (math.nan, 0.0)):
@@ -127,7 +130,9 @@ def test_a_motion_at_another_time_shows_what_its_saved_state_shows(overrides):
 
 
 def test_a_road_that_is_not_the_same_everywhere_is_refused():
-    sim = solver.simulation_of(load_scene('light_car_straight', ['road={patches: [{center: [15, 0], size: [10, 4], factor: 0.5}]}']))
+    sim = solver.simulation_of(
+        load_scene('light_car_straight', ['road={patches: [{center: [15, 0], size: [10, 4], factor: 0.5}]}'])
+    )
     with pytest.raises(SpecError, match='on a flat road only'):
         sim.place(0.0, 0.0, 0.0)
 

@@ -1,4 +1,5 @@
-"""The first step: stiff elements relax in it, motions that are prescribed move from the first instant on, and it costs no order."""
+"""The first step: stiff elements relax in it, motions that are prescribed move from the first instant on, and it costs
+no order."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ def path(text: str, steps: int) -> np.ndarray:
 
 @pytest.mark.parametrize('rho', [0.0, 0.5, 0.8])
 def test_an_overdamped_spring_creeps(rho: float) -> None:
-    """1e9 N/m and 3.16e10 N s/m: z = 1 + 0.1 e^(-t/31.6 s). Before, the first step went 0.5 m, with rho_inf = 0 17 m, past the end."""
+    """1e9 N/m and 3.16e10 N s/m: z = 1 + 0.1 e^(-t/31.6 s). Before, the first step went 0.5 m, with rho_inf = 0 17 m,
+    past the end."""
     z = path(STIFF.format(damper=3.16e10, rho=rho), 100)
     exact = 1.0 + 0.1 * np.exp(-np.arange(1, 101) * 1e-3 / 31.6)
     np.testing.assert_allclose(z, exact, rtol=0, atol=1e-5)
@@ -38,10 +40,11 @@ def test_an_overdamped_spring_creeps(rho: float) -> None:
 
 @pytest.mark.parametrize('damper', [0.0, 1e5])
 def test_a_stiff_spring_is_not_thrown_through_its_anchor(damper: float) -> None:
-    """31 rad in a step cannot be resolved; with rho_inf = 0 they die out at once, on the side of the anchor where the body is.
+    """31 rad in a step cannot be resolved; with rho_inf = 0 they die out at once, on the side of the anchor where the
+    body is.
 
-    Between two points there is a second equilibrium beyond the anchor. The acceleration of the first instant, 1e8 m/s^2, predicted a first
-    step of 50 m, and Newton's iteration then found that one: the body was at -1 m.
+    Between two points there is a second equilibrium beyond the anchor. The acceleration of the first instant, 1e8
+    m/s^2, predicted a first step of 50 m, and Newton's iteration then found that one: the body was at -1 m.
     """
     z = path(STIFF.format(damper=damper, rho=0.0), 50)
     assert np.abs(z - 1.0).max() < 0.02  # of 0.1 m
@@ -88,9 +91,10 @@ def test_it_is_of_second_order_from_there_on(name: str) -> None:
 
 @pytest.mark.parametrize(('number', 'h'), [(40, 1e-3), (5000001, 5e-4)])
 def test_redundant_rows_start_without_multipliers_that_balance_each_other(number: int, h: float) -> None:
-    """The same rows twice, and bodies so light that augmentations are combined: rounding was taken for a part of the solution, and balanced
-    multipliers of 1e8 N moved the bodies as soon as they turned (40: 24 kg weigh 235 N). In 5000001 those of 4400 N came with a step of
-    0.5 ms only, from where constraints were open beside the start, and the run was off by 0.03 m, ok, where 1 ms is right to 4e-4 m.
+    """The same rows twice, and bodies so light that augmentations are combined: rounding was taken for a part of the
+    solution, and balanced multipliers of 1e8 N moved the bodies as soon as they turned (40: 24 kg weigh 235 N). In
+    5000001 those of 4400 N came with a step of 0.5 ms only, from where constraints were open beside the start, and the
+    run was off by 0.03 m, ok, where 1 ms is right to 4e-4 m.
     """
     s = Simulation(draw('duplicates', number).at(0.5, h=h))
     weight = s.model.tables.bodies.mass.sum() * 9.81
@@ -98,7 +102,8 @@ def test_redundant_rows_start_without_multipliers_that_balance_each_other(number
 
 
 def test_redundant_rows_start_with_second_order_whatever_the_step() -> None:
-    """Places after 0.05 s with 1, 0.5 and 0.25 ms: differences fall by four. Before, 0.5 ms was off by 80 times as much."""
+    """Places after 0.05 s with 1, 0.5 and 0.25 ms: differences fall by four. Before, 0.5 ms was off by 80 times as
+    much."""
     places = []
     for h in (1e-3, 5e-4, 2.5e-4):
         places.append(Simulation(draw('duplicates', 5000001).at(0.5, h=h)).advance(round(0.05 / h)).pose)

@@ -1,4 +1,5 @@
-"""An edge of the road at the wheels that a contact at a point cannot roll over is named by a start that fails: what, how high, where."""
+"""An edge of the road at the wheels that a contact at a point cannot roll over is named by a start that fails: what,
+how high, where."""
 
 from __future__ import annotations
 
@@ -17,10 +18,19 @@ KERB = [[0.0] * 2] * 20 + [[0.1] * 2] * 20  # along x: 100 mm up between two nod
 
 
 def road(
-    height: list[list[float]], x: float, *, dx: float = 0.05, dy: float = 6.0, y: float = -3.0, contact: str = 'point', more: str = ''
+    height: list[list[float]],
+    x: float,
+    *,
+    dx: float = 0.05,
+    dy: float = 6.0,
+    y: float = -3.0,
+    contact: str = 'point',
+    more: str = '',
 ) -> str:
     """A grid whose node 19 along x, the last low one of KERB, is at x [m]."""
-    grid = f'{{kind: height_grid, origin: [{x - 19 * dx}, {y}], step: [{dx}, {dy}], height: {json.dumps(height)}{more}}}'
+    grid = (
+        f'{{kind: height_grid, origin: [{x - 19 * dx}, {y}], step: [{dx}, {dy}], height: {json.dumps(height)}{more}}}'
+    )
     return f'road={{contact: {contact}, grids: [{grid}]}}'
 
 
@@ -42,7 +52,8 @@ def front() -> np.ndarray:
         (KERB, 0.105, 0.0, "a kerb of 100 mm is 0.13 m before the centre of wheel 'front_left'; the tires"),
         (KERB, -0.225, 0.0, "a kerb of 100 mm is 0.20 m behind the centre of wheel 'front_left'; the tires"),
         (KERB, -0.025, 0.0, "a kerb of 100 mm is under wheel 'front_left'; the tires"),
-        (KERB, 1.0, 1.25, "a kerb of 100 mm is 1.02 m before the centre of wheel 'front_left', and the wheels roll 1.2 m ahead"),
+        (KERB, 1.0, 1.25, "a kerb of 100 mm is 1.02 m before the centre of wheel 'front_left', and the wheels roll 1.2 "
+            "m ahead"),
         ([[0.15 - 1.5 * z for z in row] for row in KERB], 0.105, 0.0, 'a step down of 150 mm is 0.13 m before'),
         ([[0.03 + 0.5 * z for z in row] for row in KERB], 0.105, 0.0, 'a kerb of 50 mm is 0.13 m before'),
         (KERB, 1.0, 0.0, ''),  # further away than the wheels come
@@ -73,15 +84,21 @@ def test_an_edge_that_the_tires_envelop_is_no_reason(contact: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize('at', [2.2, 2.3])
 def test_a_start_before_a_kerb_names_it(at: float) -> None:
-    """At 25 m/s the car settles within steps of 50 ms: it met the kerb, and was thrown onto its roof, or no step converged."""
-    with pytest.raises(ConsistencyError, match=r'^start: a kerb of 100 mm is .* m before the centre of wheel .* set road.contact: envel'):
+    """At 25 m/s the car settles within steps of 50 ms: it met the kerb, and was thrown onto its roof, or no step
+    converged."""
+    with pytest.raises(
+        ConsistencyError,
+        match=r'^start: a kerb of 100 mm is .* m before the centre of wheel .* set road.contact: envel',
+    ):
         simulation_of(load_scene('light_car_straight', [f'road={{contact: point, grids: [{SHORT % (at - 0.1)}]}}']))
 
 
 SHORT = '{kind: height_grid, origin: [%g, -3], step: [0.05, 6], height: [[0, 0], [0, 0], [0.1, 0.1], [0.1, 0.1]]}'
 
 
-@pytest.mark.parametrize(('at', 'where'), [(-0.025, 'under wheel'), (0.105, 'before the centre of wheel'), (-0.225, 'behind the centre')])
+@pytest.mark.parametrize(
+    ('at', 'where'), [(-0.025, 'under wheel'), (0.105, 'before the centre of wheel'), (-0.225, 'behind the centre')]
+)
 def test_a_standing_start_beside_a_kerb_is_told(at: float, where: str) -> None:
     """It was accepted without a word; with enveloping it is a start like any other."""
     settings = ['start={kind: as_placed}', 'duration=0.01']

@@ -1,4 +1,5 @@
-"""A start is what was asked for, or it is refused in one sentence that names the joint and the remedy; what it changed is told."""
+"""A start is what was asked for, or it is refused in one sentence that names the joint and the remedy; what it changed
+is told."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ def start(text: str) -> Simulation:
     [
         (hinge('axis: [0, 1, 0]', 'position: [0.1, 0, 0], axis: [0, 1, 0]'), r"joint 'pivot' is open by 0\.1 m as"),
         (hinge('axis: [0, 1, 0]', 'axis: [1, 0, 0]'), r"joint 'pivot' is open by 90 deg as"),
-        (hinge('axis: [0, 1, 0]', 'position: [0, 0, 2.0e-6], axis: [0, 1, 0.001]'), r"joint 'pivot' is open by 2e-06 m and 0\.0573 deg as"),
+        (hinge('axis: [0, 1, 0]', 'position: [0, 0, 2.0e-6], axis: [0, 1, '
+            '0.001]'), r"joint 'pivot' is open by 2e-06 m and 0\.0573 deg as"),
         (BOB + PIVOT + ROD, r"joint 'rod' is open by 3 m as"),
     ],
 )  # fmt: skip
@@ -72,12 +74,19 @@ def test_a_rolling_disc_that_lies_flat_is_refused(kind: str) -> None:
 @pytest.mark.parametrize('kind', ['fixed', 'prismatic'])
 @pytest.mark.parametrize(
     ('turned', 'start_kind'),
-    [('[180, 0, 0]', 'as_placed'), ('[0, 180, 0]', 'as_placed'), ('[0, 0, 180]', 'as_placed'), ('[120, 0, 0]', 'assemble')],
+    [('[180, 0, 0]', 'as_placed'), ('[0, 180, 0]', 'as_placed'), ('[0, 0, '
+        '180]', 'as_placed'), ('[120, 0, 0]', 'assemble')],
 )  # fmt: skip
 def test_frames_that_a_joint_holds_half_a_turn_apart_are_refused(kind: str, turned: str, start_kind: str) -> None:
-    """Axes of the two are perpendicular as where they are parallel, and assembling from beyond 90 deg ends there; before, it was ok."""
-    joint = f'  joints:\n    seat: {{kind: {kind}, i: world, j: {{body: bob, rpy_deg: {turned}}}}}\nstart: {{kind: {start_kind}}}\n'
-    with pytest.raises(ConsistencyError, match=rf"joint 'seat' \({kind}\) are turned by 180 deg.*turn one of the two markers"):
+    """Axes of the two are perpendicular as where they are parallel, and assembling from beyond 90 deg ends there;
+    before, it was ok."""
+    joint = (
+        f'  joints:\n    seat: {{kind: {kind}, i: world, j: {{body: bob, rpy_deg: {turned}}}}}\nstart: {{kind: '
+        f'{start_kind}}}\n'
+    )
+    with pytest.raises(
+        ConsistencyError, match=rf"joint 'seat' \({kind}\) are turned by 180 deg.*turn one of the two markers"
+    ):
         start(BOB + joint)
     assert str(start(BOB + joint.replace(turned, '[60, 0, 0]').replace('as_placed', 'assemble')).start) != 'as given'
 
@@ -119,7 +128,11 @@ def test_an_axis_may_have_any_magnitude(magnitude: str) -> None:
 )  # fmt: skip
 def test_a_rod_or_strut_without_length_is_refused(element: str, data: str, kind: str) -> None:
     """Before, a body with mass and inertia was said to need mass and inertia."""
-    text = BOB + PIVOT + f'  {element}s:\n    link: {{i: world, j: bob, at: [0, 0, -1], {data}}}\nstart: {{kind: {kind}}}\n'
+    text = (
+        BOB
+        + PIVOT
+        + f'  {element}s:\n    link: {{i: world, j: bob, at: [0, 0, -1], {data}}}\nstart: {{kind: {kind}}}\n'
+    )
     with pytest.raises(ConsistencyError, match=rf"{element} 'link' has length zero.*place its bodies apart"):
         start(text)
 
@@ -136,9 +149,13 @@ class TestSprings:
 
     @pytest.mark.parametrize('damper', [0.0, 1.5])
     def test_without_free_length_it_is_a_spring_in_space(self, damper: float) -> None:
-        """1 kg let go at the anchor of 10 N/m falls and comes back: z = -(g/w^2)(1 - e^(-d t)(cos + d/n sin)), to 1e-4 of 1 m."""
+        """1 kg let go at the anchor of 10 N/m falls and comes back: z = -(g/w^2)(1 - e^(-d t)(cos + d/n sin)), to 1e-4
+        of 1 m."""
         text = 'mechanism:\n  bodies: {m: {mass: 1, inertia: [1, 1, 1]}}\n'
-        text += f'  spring_dampers:\n    s: {{i: world, j: m, at: [0, 0, 0], free_length: 0, spring: 10, damper: {damper}}}\n'
+        text += (
+            f'  spring_dampers:\n    s: {{i: world, j: m, at: [0, 0, 0], free_length: 0, spring: 10, damper: '
+            f'{damper}}}\n'
+        )
         s = start(text + 'integrator: {h: 0.001}\n')
         t = np.arange(1, 2001) * 1e-3
         z = np.array([s.advance(1).pose[0, 2] for _ in t])

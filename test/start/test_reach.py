@@ -1,5 +1,5 @@
-"""A driver that asks for more than its mechanism can do is named, with its value, the end of its reach (here in closed form), and what
-is in line there."""
+"""A driver that asks for more than its mechanism can do is named, with its value, the end of its reach (here in closed
+form), and what is in line there."""
 
 from __future__ import annotations
 
@@ -21,7 +21,12 @@ Y = {'axis': [0, 1, 0]}
 
 
 def simulation(mechanism: dict[str, Any], maneuver: Any, **more: Any) -> Simulation:
-    scene = {'mechanism': {'gravity': [0, 0, 0], **mechanism}, 'maneuver': {'signals': maneuver}, 'duration': 40, **more}
+    scene = {
+        'mechanism': {'gravity': [0, 0, 0], **mechanism},
+        'maneuver': {'signals': maneuver},
+        'duration': 40,
+        **more,
+    }
     return simulation_of(load_scene_text(json.dumps(scene)))
 
 
@@ -30,7 +35,8 @@ def hinge(i: str, j: str, at: list[float], axis: Any = (0, 1, 0)) -> dict[str, A
 
 
 FOUR_BAR = {
-    'bodies': {'crank': {**BAR, 'com': [0, 0, 0.5]}, 'rod': {**BAR, 'position': [0, 0, 1]}, 'rocker': {**BAR, 'position': [1.6, 0, 0]}},
+    'bodies': {'crank': {**BAR, 'com': [0, 0, 0.5]}, 'rod': {**BAR, 'position': [0, 0, 1]},
+    'rocker': {**BAR, 'position': [1.6, 0, 0]}},
     'joints': {
         'A': hinge('world', 'crank', [0, 0, 0]), 'B': hinge('crank', 'rod', [0, 0.1, 1]),
         'C': hinge('rod', 'rocker', [0.8, 0, 1]), 'D': hinge('world', 'rocker', [1.6, 0, 0]),
@@ -42,7 +48,8 @@ FOUR_BAR_END = math.asin((1 + 1.6**2 - (0.8 + math.hypot(0.8, 1.0)) ** 2) / 3.2)
 SLIDER = {
     'bodies': {'crank': BAR, 'rod': {**BAR, 'position': [0, 0, 1]}, 'block': {**BAR, 'position': [math.sqrt(3), 0, 0]}},
     'joints': {
-        'A': hinge('world', 'crank', [0, 0, 0]), 'B': hinge('crank', 'rod', [0, 0, 1]), 'C': hinge('rod', 'block', [math.sqrt(3), 0, 0]),
+        'A': hinge('world', 'crank', [0, 0, 0]), 'B': hinge('crank', 'rod', [0, 0, 1]),
+        'C': hinge('rod', 'block', [math.sqrt(3), 0, 0]),
         'slide': {'kind': 'prismatic', 'i': 'world', 'j': 'block', 'at': [math.sqrt(3), 0, 0], 'axis': [1, 0, 0]},
     },
     'couplers': {'press': {'terms': {'slide': 1}, 'input': 'press'}},
@@ -53,15 +60,16 @@ SPATIAL = {
     'bodies': {'crank': BAR, 'rocker': {**BAR, 'position': [1.5, 1, 0]}},
     'joints': {
         'A': hinge('world', 'crank', [0, 0, 0], (0, 0, 1)), 'D': hinge('world', 'rocker', [1.5, 1, 0], (1, 0, 0)),
-        'rod': {'kind': 'distance', 'i': {'body': 'crank', 'at': [0.5, 0, 0]}, 'j': {'body': 'rocker', 'at': [1.5, 1, 0.7]}},
+        'rod': {'kind': 'distance', 'i': {'body': 'crank', 'at': [0.5, 0, 0]},
+        'j': {'body': 'rocker', 'at': [1.5, 1, 0.7]}},
     },
     'couplers': {'motor': {'terms': {'A': 1}, 'input': 'motor'}},
 }  # fmt: skip
 
 
 def spatial_end() -> float:
-    """The ball of the rocker is on the circle (1.5, 1 - 0.7 sin b, 0.7 cos b), the rod sqrt(1 + 1 + 0.49) long: its crank cannot go on
-    where the nearest place of the circle, in the plane of the crank, is as far as that."""
+    """The ball of the rocker is on the circle (1.5, 1 - 0.7 sin b, 0.7 cos b), the rod sqrt(1 + 1 + 0.49) long: its
+    crank cannot go on where the nearest place of the circle, in the plane of the crank, is as far as that."""
 
     def left(a: float) -> float:
         x, y = 0.5 * math.cos(a), 0.5 * math.sin(a)
@@ -138,10 +146,15 @@ def test_a_run_that_goes_on_beyond_the_reach_says_so_at_its_end() -> None:
     s = simulation(SLIDER, {'press': {**RAMP, 'slope': 1.0}}, integrator={'mode': 'tolerance', 'h': 0.005})
     s.advance(600)
     (text,) = [found.text for found in findings(s) if found.quantity == 'contradiction']
-    assert "driver 'press' asks for press = 2.8 m of 'slide', and the mechanism reaches 1.268 m at most, where 'crank' and 'rod'" in text
+    assert (
+        "driver 'press' asks for press = 2.8 m of 'slide', and the mechanism reaches 1.268 m at most, where 'crank' "
+        "and 'rod'"
+    ) in text
 
 
 @pytest.mark.parametrize('asked', [1.91e14, -5e10])
 def test_a_driver_whose_value_has_no_digits_left_is_named_without_a_search(asked: float) -> None:
-    with pytest.raises(MbdError, match=r"driver 'motor' asks for motor = .* rad, whose last digit is worth .*; keep it below 4e9"):
+    with pytest.raises(
+        MbdError, match=r"driver 'motor' asks for motor = .* rad, whose last digit is worth .*; keep it below 4e9"
+    ):
         simulation(FOUR_BAR, {'motor': asked})

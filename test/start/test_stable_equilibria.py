@@ -26,7 +26,8 @@ def test_a_pendulum_on_its_head_is_refused_and_hanging_it_is_not() -> None:
 
 @pytest.mark.parametrize('slope', [0.18, 0.25, 0.4])
 def test_a_braked_car_stands_on_a_slope_as_it_does_when_its_brakes_are_applied_there(slope: float) -> None:
-    """Loads of all tires within 1 % of the mean of those of the same car, held until its brakes close; before, it stood on its nose.
+    """Loads of all tires within 1 % of the mean of those of the same car, held until its brakes close; before, it stood
+    on its nose.
 
     How the wheels share the slope depends on how they came to hold it, so loads agree and longitudinal forces need not.
     """
@@ -43,9 +44,16 @@ def test_a_braked_car_stands_on_a_slope_as_it_does_when_its_brakes_are_applied_t
 
 
 def test_a_car_stands_on_a_steep_grid_as_on_a_steep_plane() -> None:
-    """Braked, on one that falls by 40 % ahead: from a level placement over it one was found on its front wheels only."""
+    """Braked, on one that falls by 40 % ahead: from a level placement over it one was found on its front wheels
+    only."""
     heights = [[round(16.0 - 3.2 * k, 1)] * 2 for k in range(11)]
-    roads = ('{normal: [0.4, 0, 1]}', f'{{grids: [{{kind: height_grid, origin: [-40, -10], step: [8, 20], height: {heights}}}]}}')
+    roads = (
+        '{normal: [0.4, 0, 1]}',
+        f'{{grids: [{{kind: height_grid, origin: [-40, -10], step: [8, 20], height: {heights}}}]}}',
+    )
     common = ['start={kind: equilibrium}', 'maneuver={brake_torque: 6000}']
-    plane, grid = (simulation_of(load_scene('light_car_straight', [f'road={road}', *common])).snapshot().tire[:, 2] for road in roads)
+    plane, grid = (
+        simulation_of(load_scene('light_car_straight', [f'road={road}', *common])).snapshot().tire[:, 2]
+        for road in roads
+    )
     np.testing.assert_allclose(grid, plane, rtol=0.01)

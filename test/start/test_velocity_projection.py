@@ -16,7 +16,8 @@ FAMILIES = ('tree', 'plane_loop', 'duplicates', 'scissor', 'rope', 'crank', 'ben
 
 
 def nearest(given: np.ndarray, metric: np.ndarray, A: np.ndarray, phi_t: np.ndarray) -> tuple[np.ndarray, float]:
-    """(the nearest velocity to one (nb, 6), in the metric (nb, 6, 6), with A v + phi_t = 0, smallest singular value of a constraint).
+    """(the nearest velocity to one (nb, 6), in the metric (nb, 6, 6), with A v + phi_t = 0, smallest singular value of
+    a constraint).
 
     By singular values of the constraints in coordinates in which the metric is one, rows of length one.
     """
@@ -38,8 +39,9 @@ def nearest(given: np.ndarray, metric: np.ndarray, A: np.ndarray, phi_t: np.ndar
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize('family', FAMILIES)
 def test_start_velocities_are_exact_to_rounding(family: str, seed: int) -> None:
-    """Velocities of about one that fit no constraint. Rounding is that of the residuals, divided by the smallest singular value of the
-    constraints; with that of the penalized matrix, 1e6 times as large, velocities of ropes were off by 0.09."""
+    """Velocities of about one that fit no constraint. Rounding is that of the residuals, divided by the smallest
+    singular value of the constraints; with that of the penalized matrix, 1e6 times as large, velocities of ropes were
+    off by 0.09."""
     simulation = Simulation(draw(family, seed).at(1.0, h=1e-3))
     start = ConsistentState(simulation.model)
     state = simulation.state._replace(v=simulation.state.v.copy())
@@ -52,8 +54,9 @@ def test_start_velocities_are_exact_to_rounding(family: str, seed: int) -> None:
 
 @pytest.mark.parametrize('seed', [1000000 + k for k in (9, 11, 18, 35, 42, 43, 55, 58, 60)])
 def test_ropes_with_heavy_ends_start_too(seed: int) -> None:
-    """Light links that carry up to a million times their mass: augmentations one by one gain nothing, and these were refused for rates that
-    contradict each other. Constraints hold to rounding; the energy of the change, least at the nearest velocity, is so to a thousandth."""
+    """Light links that carry up to a million times their mass: augmentations one by one gain nothing, and these were
+    refused for rates that contradict each other. Constraints hold to rounding; the energy of the change, least at the
+    nearest velocity, is so to a thousandth."""
     simulation = Simulation(draw('rope', seed).at(1.0, h=1e-3))
     start = ConsistentState(simulation.model)
     state = simulation.state._replace(v=simulation.state.v.copy())
@@ -69,13 +72,19 @@ def test_ropes_with_heavy_ends_start_too(seed: int) -> None:
 
 @pytest.mark.parametrize('loss', ['0', '1e-9'])
 def test_light_parts_that_nothing_damps_start_rolling(loss: str) -> None:
-    """Drop links of 7e-6 kg m^2 beside a strut whose mount does not damp: rounding of the usual penalties turned them without bounds.
+    """Drop links of 7e-6 kg m^2 beside a strut whose mount does not damp: rounding of the usual penalties turned them
+    without bounds.
 
-    A mount that damps a little starts with the same velocities, to a thousandth of the speed: what is left of it rings longer.
+    A mount that damps a little starts with the same velocities, to a thousandth of the speed: what is left of it rings
+    longer.
     """
     starts = []
     for given in (loss, '1e-4'):
-        car = ['vehicle=vehicles/compact_fwd.yaml', f'vehicle.axles.front.suspension.strut.mount.loss={given}', 'start.speed_kmh=40']
+        car = [
+            'vehicle=vehicles/compact_fwd.yaml',
+            f'vehicle.axles.front.suspension.strut.mount.loss={given}',
+            'start.speed_kmh=40',
+        ]
         simulation = Simulation(load_scene('car_step_steer', car))
         starts.append(simulation.snapshot().twist[:, :3])
         assert np.isfinite(simulation.advance(50).numbers).all()

@@ -25,8 +25,8 @@ def start(scene: dict[str, Any], **more: Any) -> Simulation:
 @pytest.mark.parametrize('kind', ['as_placed', 'assemble'])
 @pytest.mark.parametrize('angle', [3.0, 4.0, 7.0, -10.0, 100.0])
 def test_a_coordinate_starts_wound_as_far_as_it_is_wanted(angle: float, kind: str) -> None:
-    """A disc of 0.1 kg m^2 on a torsion spring of 2 N m/rad, let go: angle cos(w t) with w^2 = 20 / s^2. The phase of the method is short
-    by (w h)^2/12 of w t: 7.5e-6 of the angle after one second."""
+    """A disc of 0.1 kg m^2 on a torsion spring of 2 N m/rad, let go: angle cos(w t) with w^2 = 20 / s^2. The phase of
+    the method is short by (w h)^2/12 of w t: 7.5e-6 of the angle after one second."""
     spring = {'k': {'terms': {'hinge': 1}, 'spring': 2}}
     s = start({'coordinate_forces': spring}, start={'kind': kind, 'coordinates': {'hinge': {'value': angle}}})
     assert s.snapshot().joint_position[0] == pytest.approx(angle, abs=1e-11)
@@ -48,7 +48,10 @@ def test_a_gear_winds_what_it_drives_while_the_start_turns_it() -> None:
     """2 rad of the disc are 50 times as much, 100 rad or 16 turns, of the pinion beside it."""
     scene = {
         'bodies': {'disc': DISC, 'pinion': {'mass': 1, 'inertia': [1e-3, 1e-3, 1e-3], 'position': [1, 0, 0]}},
-        'joints': {'hinge': HINGE, 'shaft': {'kind': 'revolute', 'i': 'world', 'j': 'pinion', 'at': [1, 0, 0], 'axis': [0, 0, 1]}},
+        'joints': {
+            'hinge': HINGE,
+            'shaft': {'kind': 'revolute', 'i': 'world', 'j': 'pinion', 'at': [1, 0, 0], 'axis': [0, 0, 1]},
+        },
         'couplers': {'gear': {'terms': {'hinge': 50, 'shaft': -1}}},
     }
     s = start(scene, start={'kind': 'assemble', 'coordinates': {'hinge': {'value': 2.0}}})

@@ -1,4 +1,5 @@
-"""Steps and penalties that adapt: they rescue, they keep the order and the tolerance, they forget nothing and repeat bit by bit."""
+"""Steps and penalties that adapt: they rescue, they keep the order and the tolerance, they forget nothing and repeat
+bit by bit."""
 
 from __future__ import annotations
 
@@ -71,7 +72,7 @@ def adaptation(sim: Simulation) -> Adaptation:
     return sim.adaptation
 
 
-# -- steps -------------------------------------------------------------------------------------------------------------
+# -- steps -----------------------------------------------------------------------------------------------------------
 
 HASTY = ('h=0.01', 'max_iterations=3', 'tolerance=1e-4')  # too few iterations for the spinning top at this step
 
@@ -115,11 +116,14 @@ PROBLEMS = {
 
 
 def rhythm_errors(name: str, rho_inf: float, forgetful: bool = False) -> np.ndarray:
-    """(grids, fields) largest errors over 0.64 s with steps in RHYTHM. forgetful: history stays where the last step left it."""
+    """(grids, fields) largest errors over 0.64 s with steps in RHYTHM. forgetful: history stays where the last step
+    left it."""
     problem, grids, _ = PROBLEMS[name]
     table = []
     for h in grids:
-        sim = Simulation(scene_of(problem, h=h, rho_inf=rho_inf, mode='tolerance', tolerance=1e-12, step_policy='rescue'))
+        sim = Simulation(
+            scene_of(problem, h=h, rho_inf=rho_inf, mode='tolerance', tolerance=1e-12, step_policy='rescue')
+        )
         worst = np.zeros(3)
         for k in range(round(0.64 / h)):
             control = adaptation(sim).values
@@ -133,7 +137,8 @@ def rhythm_errors(name: str, rho_inf: float, forgetful: bool = False) -> np.ndar
     return np.array(table)
 
 
-EACH_DAMPING = ('falling four-bar',)  # with loops, redundant rows and singular positions; of the others by `pytest -m long` only
+# with loops, redundant rows and singular positions; of the others by `pytest -m long` only
+EACH_DAMPING = ('falling four-bar',)
 
 
 @pytest.mark.slow
@@ -173,7 +178,9 @@ def run_by_error(problem, tolerance: float, h: float = 0.08) -> tuple[np.ndarray
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['pendulum', 'spring and damper', 'top in steady precession', 'heavy asymmetric body', 'falling four-bar'])
+@pytest.mark.parametrize(
+    'name', ['pendulum', 'spring and damper', 'top in steady precession', 'heavy asymmetric body', 'falling four-bar']
+)
 def test_the_error_of_a_run_is_proportional_to_its_tolerance(name):
     """Error per unit of time is controlled, so the slope is one: positions and velocities, three decades."""
     tolerances = (1e-3, 1e-4, 1e-5, 1e-6)
@@ -191,12 +198,26 @@ def test_steps_follow_the_tolerance_with_its_square_root():
 
 
 def test_steps_do_not_know_the_size_of_forces():
-    """A steering with a motor, whose force is an internal state, and the same with everything that has kg in it a hundred times as large:
-    the same motion by as many steps."""
-    of_one = {'m': 30, 'I': 1, 'J': 0.05, 'k': 2e5, 'c': 3e3, 'km': 100, 'cm': 0.5, 't1': 3, 't2': 6, 'f1': 1500, 'f2': 6000}
+    """A steering with a motor, whose force is an internal state, and the same with everything that has kg in it a
+    hundred times as large: the same motion by as many steps."""
+    of_one = {
+        'm': 30,
+        'I': 1,
+        'J': 0.05,
+        'k': 2e5,
+        'c': 3e3,
+        'km': 100,
+        'cm': 0.5,
+        't1': 3,
+        't2': 6,
+        'f1': 1500,
+        'f2': 6000,
+    }
     made = []
     for scale in (1.0, 100.0):
-        sim = Simulation(load_scene_text(STEERED.format(**{name: repr(scale * value) for name, value in of_one.items()}), 'steered'))
+        sim = Simulation(
+            load_scene_text(STEERED.format(**{name: repr(scale * value) for name, value in of_one.items()}), 'steered')
+        )
         sim.advance(sim.scene.steps)
         made.append(sim)
     one, large = (sim.totals()['substeps'] for sim in made)
@@ -217,7 +238,8 @@ def test_work_is_counted_for_every_attempt():
 
 @pytest.mark.slow
 def test_singular_positions_are_passed_with_local_error_control():
-    """A tolerance below what is determined there: the error that had to be accepted is an event. Every neighbour keeps its branch."""
+    """A tolerance below what is determined there: the error that had to be accepted is an event. Every neighbour keeps
+    its branch."""
     settings = ('mode=tolerance', 'step_policy=error', 'penalty_policy=adaptive', 'h=0.01', 'error_tolerance=1e-5')
     for scene in neighbours(load_scene('slider_crank', [f'integrator.{s}' for s in settings])):
         sim = Simulation(scene)
@@ -236,8 +258,11 @@ def test_an_error_is_undetermined_when_smaller_steps_do_not_reduce_it():
 
 
 def test_prescribed_motions_pass_through_an_interval_as_polynomials():
-    """Value, rate and acceleration inside an interval of the grid are those of the quintic through both ends; forces are held."""
-    sim = Simulation(load_scene('car_step_steer', ['integrator.mode=tolerance', 'integrator.step_policy=error', 'integrator.h=0.01']))
+    """Value, rate and acceleration inside an interval of the grid are those of the quintic through both ends; forces
+    are held."""
+    sim = Simulation(
+        load_scene('car_step_steer', ['integrator.mode=tolerance', 'integrator.step_policy=error', 'integrator.h=0.01'])
+    )
     names = sim.channels.inputs
     polynomial = np.polynomial.Polynomial([0.3, -2.0, 5.0, 40.0, -300.0, 1000.0])
     T = sim.h
@@ -255,7 +280,8 @@ def test_prescribed_motions_pass_through_an_interval_as_polynomials():
 
 
 def test_the_account_of_energy_is_of_second_order_where_forces_follow_inputs():
-    """A mass on a spring that a force excites with 2 Hz, steps by error control inside a coarse grid: its error falls with the square."""
+    """A mass on a spring that a force excites with 2 Hz, steps by error control inside a coarse grid: its error falls
+    with the square."""
     errors = []
     for h in (0.02, 0.01, 0.005):
         sim = Simulation(load_scene_text(EXCITED, 'excited', [f'integrator.h={h}']))
@@ -266,11 +292,12 @@ def test_the_account_of_energy_is_of_second_order_where_forces_follow_inputs():
     np.testing.assert_allclose(slopes, 2.0, rtol=0, atol=0.3, err_msg=f'{errors}')
 
 
-# -- interruption ------------------------------------------------------------------------------------------------------
+# -- interruption ----------------------------------------------------------------------------------------------------
 
 
 def test_a_long_interval_is_left_when_somebody_asks_for_an_end():
-    """Thousands of steps in one interval of the grid: the run comes back with the state of its start, and can be taken up again."""
+    """Thousands of steps in one interval of the grid: the run comes back with the state of its start, and can be taken
+    up again."""
     settings = ('mode=tolerance', 'step_policy=error', 'h=0.2', 'error_tolerance=1e-5')
     sim, other = (simulation('double_pendulum', *settings) for _ in range(2))
     one = sim.advance(1)
@@ -291,13 +318,21 @@ def test_a_long_interval_is_left_when_somebody_asks_for_an_end():
     assert bits(sim) == bits(other)
 
 
-# -- memory ------------------------------------------------------------------------------------------------------------
+# -- memory ----------------------------------------------------------------------------------------------------------
 
 ADAPTING = {
     'penalties': ('slider_crank', *PLAIN, 'penalty=100', 'penalty_policy=adaptive'),
     'rescue': ('spinning_top', *HASTY, 'step_policy=rescue'),
     'error': ('double_pendulum', 'step_policy=error', 'h=0.02', 'error_tolerance=1e-4'),
-    'everything': ('slider_crank', *PLAIN, 'penalty=100', 'penalty_policy=adaptive', 'step_policy=error', 'h=0.01', 'error_tolerance=1e-4'),
+    'everything': (
+        'slider_crank',
+        *PLAIN,
+        'penalty=100',
+        'penalty_policy=adaptive',
+        'step_policy=error',
+        'h=0.01',
+        'error_tolerance=1e-4',
+    ),
 }
 
 
@@ -330,7 +365,8 @@ def test_a_saved_state_repeats_steps_penalties_and_events(name):
 
 
 def test_a_state_goes_on_with_another_policy_where_both_would_have_done_the_same():
-    """Saved by a run with constant steps, as the node does, and taken up by one that may divide them, and the other way round."""
+    """Saved by a run with constant steps, as the node does, and taken up by one that may divide them, and the other way
+    round."""
     runs = [simulation('slider_crank', CONSTANT), simulation('slider_crank', 'step_policy=rescue')]
     for sim in runs:
         sim.advance(50)
@@ -343,10 +379,15 @@ def test_a_state_goes_on_with_another_policy_where_both_would_have_done_the_same
 
 
 def test_a_state_in_the_middle_of_a_rescue_is_refused_by_constant_steps():
-    adaptive, constant = simulation('spinning_top', *HASTY, 'step_policy=rescue'), simulation('spinning_top', *HASTY, CONSTANT)
+    adaptive, constant = (
+        simulation('spinning_top', *HASTY, 'step_policy=rescue'),
+        simulation('spinning_top', *HASTY, CONSTANT),
+    )
     adaptive.advance(150)
     assert adaptive.events[-1].new < 0.01
-    with pytest.raises(SpecError, match=r'while step or penalties were not those of the setting; set integrator\.step_policy'):
+    with pytest.raises(
+        SpecError, match=r'while step or penalties were not those of the setting; set integrator\.step_policy'
+    ):
         constant.restore(adaptive.save())
 
 
@@ -362,8 +403,10 @@ def test_nothing_is_compiled_while_a_run_adapts():
 @pytest.mark.parametrize(('settings', 'says'), [
     (['mode=fixed', 'step_policy=error'], r"step_policy = 'error': needs integrator\.mode: tolerance"),
     (['mode=fixed', 'penalty_policy=adaptive'], r"penalty_policy = 'adaptive': needs integrator\.mode: tolerance"),
-    (['mode=tolerance', 'penalty_policy=adaptive', 'penalty=1e9'], r'penalty_cap = .*must be at least integrator\.penalty = 1e\+09'),
-    (['mode=tolerance', 'step_policy=rescue', 'h=1e-3', 'h_min=1e-2'], r'h_min = .*must be at most integrator\.h = 0\.001'),
+    (['mode=tolerance', 'penalty_policy=adaptive', 'penalty=1e9'], r'penalty_cap = .*must be at least '
+        r'integrator\.penalty = 1e\+09'),
+    (['mode=tolerance', 'step_policy=rescue', 'h=1e-3', 'h_min=1e-2'], r'h_min = .*must be at most integrator\.h = '
+        r'0\.001'),
     (['mass_factor=0'], r'mass_factor = 0'),
     (['error_tolerance=0'], r'error_tolerance = 0'),
 ])  # fmt: skip

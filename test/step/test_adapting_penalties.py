@@ -20,8 +20,8 @@ def simulation(name: str, *settings: str) -> Simulation:
 @pytest.mark.slow
 @pytest.mark.parametrize('penalty', [1.0, 10.0, 100.0])
 def test_adaptive_penalties_rescue_a_run_that_fails_with_constant_small_ones(penalty):
-    """The slider-crank through five singular positions, 2 s at 1 ms; energy as with a good penalty (1e-3 J, the damped setting),
-    from every neighbour of the start; what the events are like is judged in the last run.
+    """The slider-crank through five singular positions, 2 s at 1 ms; energy as with a good penalty (1e-3 J, the damped
+    setting), from every neighbour of the start; what the events are like is judged in the last run.
     """
     with pytest.raises(StepError, match='no convergence in 20 iterations'):
         simulation('slider_crank', *PLAIN, CONSTANT, f'penalty={penalty}').advance(2000)
@@ -43,7 +43,9 @@ def test_adaptive_penalties_rescue_a_run_that_fails_with_constant_small_ones(pen
     assert raised
     assert {e.kind for e in sim.events} == {'penalty'}
     assert {e.name for e in sim.events} <= set(sim.model.row_names)
-    assert all(penalty <= min(e.old, e.new) and max(e.old, e.new) <= sim.scene.integrator.penalty_cap for e in sim.events)
+    assert all(
+        penalty <= min(e.old, e.new) and max(e.old, e.new) <= sim.scene.integrator.penalty_cap for e in sim.events
+    )
     assert all(0.0 <= e.t < 2.0 for e in sim.events)
     # what the events say is what the penalties are
     now = dict.fromkeys(sim.model.row_names, penalty)
@@ -54,7 +56,8 @@ def test_adaptive_penalties_rescue_a_run_that_fails_with_constant_small_ones(pen
 
 
 def test_a_smaller_step_does_not_help_a_penalty_that_is_too_small():
-    """The error factor of an augmentation, 1 / (1 + xi s_min), does not contain the step: halving ends at the smallest one."""
+    """The error factor of an augmentation, 1 / (1 + xi s_min), does not contain the step: halving ends at the smallest
+    one."""
     sim = simulation('slider_crank', *PLAIN, 'penalty=10', 'step_policy=rescue', 'h_min=1e-6')
     with pytest.raises(StepError, match=r'not even with the smallest step integrator\.h_min = 1e-06'):
         sim.advance(2000)
@@ -64,9 +67,11 @@ def test_a_smaller_step_does_not_help_a_penalty_that_is_too_small():
 
 
 def test_a_velocity_row_without_trouble_keeps_its_penalty():
-    """A sleigh that glides beside the slider-crank: its slip [m/s] is judged by the displacement it makes in a step, not as one."""
+    """A sleigh that glides beside the slider-crank: its slip [m/s] is judged by the displacement it makes in a step,
+    not as one."""
     sleigh = [
-        'mechanism.bodies.sleigh={mass: 2, inertia: [0.1, 0.1, 0.1], com: [0.1, 0, 0], velocity: [1, 0, 0], angular_velocity: [0, 0, 2]}',
+        'mechanism.bodies.sleigh={mass: 2, inertia: [0.1, 0.1, 0.1], com: [0.1, 0, 0], velocity: [1, 0, 0], '
+        'angular_velocity: [0, 0, 2]}',
         'mechanism.contacts={blade: {kind: knife_edge, i: world, j: sleigh}}',
     ]
     settings = [
@@ -91,7 +96,10 @@ def test_penalties_relax_after_easy_steps_but_not_below_the_setting():
 
 
 def test_penalties_that_need_no_change_change_no_bit():
-    one, other = simulation('double_pendulum', CONSTANT), simulation('double_pendulum', 'penalty_policy=adaptive', 'step_policy=rescue')
+    one, other = (
+        simulation('double_pendulum', CONSTANT),
+        simulation('double_pendulum', 'penalty_policy=adaptive', 'step_policy=rescue'),
+    )
     a, b = one.advance(200), other.advance(200)
     assert other.events == []
     assert a.numbers.tobytes() == b.numbers.tobytes()
@@ -102,7 +110,8 @@ def test_penalties_that_need_no_change_change_no_bit():
 @pytest.mark.parametrize('mode', ['fixed', 'tolerance'])
 @pytest.mark.parametrize('name', ['slider_crank', 'flyball_governor', 'bricard', 'light_car_step_steer'])
 def test_the_default_has_the_bits_of_constant_steps_while_nothing_fails(name, mode):
-    """Outputs, state and energy account: wheels, springs, prescribed motions and forces that follow inputs are among them."""
+    """Outputs, state and energy account: wheels, springs, prescribed motions and forces that follow inputs are among
+    them."""
     ways = [CONSTANT, 'step_policy=rescue', 'step_policy=auto']
     sims = [Simulation(load_scene(name, [f'integrator.mode={mode}', f'integrator.{way}'])) for way in ways]
     for steps, audit in ((1, True), (70, True), (29, False)):

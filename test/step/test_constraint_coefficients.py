@@ -1,4 +1,5 @@
-"""The coefficients m, c, k, f of the constraints: what they are, and that they cannot change the motion (docs/formulation.md)."""
+"""The coefficients m, c, k, f of the constraints: what they are, and that they cannot change the motion
+(docs/formulation.md)."""
 
 from __future__ import annotations
 
@@ -32,7 +33,9 @@ def dense(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
     """(A (nc, 6 nb), M (6 nb, 6 nb) with the floor of the penalties) at the current state."""
     s, t = sim.state, sim.model.tables
     J = np.zeros((sim.model.n_entries + 1, 6, 6))
-    evaluate_constraints(t, kinematics_of(s.q, s.v), s.angle, np.zeros(len(sim.channels.inputs)), True, np.zeros(sim.model.n_rows), J)
+    evaluate_constraints(
+        t, kinematics_of(s.q, s.v), s.angle, np.zeros(len(sim.channels.inputs)), True, np.zeros(sim.model.n_rows), J
+    )
     M = np.zeros((6 * sim.model.n_bodies, 6 * sim.model.n_bodies))
     for b in range(sim.model.n_bodies):
         M[6 * b : 6 * b + 3, 6 * b : 6 * b + 3] = np.eye(3) / t.penalty_inverse_mass[b]
@@ -54,7 +57,8 @@ def test_the_isolated_mass_is_that_of_the_cheapest_motion_of_a_constraint(name):
 def test_the_coupled_mass_is_the_pseudo_inverse_of_the_constraints(name):
     """m_R = [(A M^-1 A^T)^+]_RR, with rows in units of their isolated mass where some are redundant.
 
-    Tolerance: the finite penalty is off by 2 / (COUPLING s_min), its rounding by COUPLING times the unit round-off over s_min.
+    Tolerance: the finite penalty is off by 2 / (COUPLING s_min), its rounding by COUPLING times the unit round-off over
+    s_min.
     """
     sim = simulation(name)
     sim.advance(3)  # away from special positions of the start
@@ -89,7 +93,9 @@ def test_rescaling_a_row_does_not_change_its_mass_times_its_square(coupled, rng)
             J[e, : con.row[g + 1] - con.row[g]] *= scale[con.row[g] : con.row[g + 1], None]
     K, f = np.zeros((sim.model.n_slots + 1, 6, 6)), np.zeros((sim.model.n_bodies + 1, 6))
     formulation = new_formulation(sim.model)
-    constraint_coefficients(t, CONDENSED, int(coupled), 0, J, K, K, f, Ref(new_saddle(sim.model, CONDENSED)), Ref(formulation))
+    constraint_coefficients(
+        t, CONDENSED, int(coupled), 0, J, K, K, f, Ref(new_saddle(sim.model, CONDENSED)), Ref(formulation)
+    )
     expected = np.array([before[name].m for name in sim.model.row_names])
     np.testing.assert_allclose(formulation.values[:, 0] * scale**2, expected, rtol=1e3 * ROUNDING if coupled else 1e-13)
 
@@ -99,7 +105,8 @@ BLADE = 'contacts: {blade: {kind: knife_edge, i: world, j: mass}}'
 
 
 def mass_on(constraint: str, stiffness: float, damping: float, *settings: str) -> Simulation:
-    """A mass that a constraint lets move along x; a bushing acts across, along y, so the constraint works against it."""
+    """A mass that a constraint lets move along x; a bushing acts across, along y, so the constraint works against
+    it."""
     return Simulation(
         load_scene_text(
             'mechanism:\n'
@@ -127,7 +134,8 @@ def test_the_coefficients_of_a_guided_mass_are_those_one_writes_down():
 
 
 def test_a_blade_has_a_mass_and_a_damping_but_no_stiffness():
-    """It holds a velocity, (m psidot)' + c psidot = 0: of the bushing beside it only the damping resists; f the weight."""
+    """It holds a velocity, (m psidot)' + c psidot = 0: of the bushing beside it only the damping resists; f the
+    weight."""
     sim = mass_on(BLADE, 500.0, 7.0)
     for coupled in (False, True):
         found = sim.constraint_coefficients(coupled=coupled)['blade/y']
@@ -160,7 +168,8 @@ def run(name: str, *settings: str, steps: int = 200) -> Simulation:
 ])  # fmt: skip
 @pytest.mark.parametrize('name', ['double_pendulum', 'flyball_governor', 'four_bar'])
 def test_no_coefficient_changes_the_motion(name, settings):
-    """Converged steps agree to what the iteration leaves, the tolerance of 1e-12 per step over 200 steps, and rounding beside it."""
+    """Converged steps agree to what the iteration leaves, the tolerance of 1e-12 per step over 200 steps, and rounding
+    beside it."""
     one, other = run(name), run(name, *settings)
     assert one.totals()['stagnated'] == other.totals()['stagnated'] == 0
     a, b = one.snapshot(), other.snapshot()
@@ -170,7 +179,8 @@ def test_no_coefficient_changes_the_motion(name, settings):
 
 
 def test_the_coefficients_are_used_and_not_only_accepted():
-    """A step with each setting multiplies its penalties by another mass: the isolated one, the coupled one, that with c and k."""
+    """A step with each setting multiplies its penalties by another mass: the isolated one, the coupled one, that with c
+    and k."""
     settings = ('effective_mass=isolated',), ('effective_mass=coupled',), ('coefficients=full',), ('kind=m_alf',)
     weights = []
     for choice in settings:
@@ -192,7 +202,8 @@ def test_the_coefficients_are_used_and_not_only_accepted():
 @pytest.mark.parametrize('mode', ['fixed', 'tolerance'])
 @pytest.mark.parametrize('form', ['condensed', 'block'])
 def test_a_tenth_of_the_masses_is_a_tenth_of_the_penalty(form, mode):
-    """m/10 is xi/10: the same numbers, so the same bits but for the rounding of one product, which does not grow here."""
+    """m/10 is xi/10: the same numbers, so the same bits but for the rounding of one product, which does not grow
+    here."""
     one = simulation('slider_crank', f'form={form}', f'mode={mode}', 'mass_factor=0.125', 'penalty=1e6')
     other = simulation('slider_crank', f'form={form}', f'mode={mode}', 'penalty=125e3')
     for _ in range(5):
@@ -206,17 +217,23 @@ def test_a_factor_belongs_to_the_constraint_it_names():
     scene = load_scene('four_bar')
     joint = scene.model.joints[1].name
     row = prepare(scene.model).row_names[0]
-    sim = Simulation(dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, mass_factor={joint: 0.1, row: 3.0})))
+    sim = Simulation(
+        dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, mass_factor={joint: 0.1, row: 3.0}))
+    )
     named = dict(zip(sim.model.row_names, sim.scheme.factor, strict=True))
-    assert all(value == {joint: 0.1}.get(name.rpartition('/')[0], 3.0 if name == row else 1.0) for name, value in named.items())
+    assert all(
+        value == {joint: 0.1}.get(name.rpartition('/')[0], 3.0 if name == row else 1.0) for name, value in named.items()
+    )
     with pytest.raises(SpecError, match=r"mass_factor: the model has no constraint 'crnk'; did you mean"):
         simulation('slider_crank', 'mass_factor={crnk: 0.1}')
 
 
 def test_coupled_masses_need_a_smaller_penalty_where_isolated_ones_stagnate():
-    """Bricard's loop at the chapter's penalty of 1000: bodies hold each other, so a constraint by itself looks too light.
+    """Bricard's loop at the chapter's penalty of 1000: bodies hold each other, so a constraint by itself looks too
+    light.
 
-    With isolated masses the iteration never reaches the tolerance, with coupled ones it always does, in three iterations at most.
+    With isolated masses the iteration never reaches the tolerance, with coupled ones it always does, in three
+    iterations at most.
     """
     settings = ('mode=tolerance', 'penalty=1e3', 'h=0.001', 'augmentation=plain')
     coupled = simulation('bricard', *settings, 'effective_mass=coupled')
@@ -232,11 +249,12 @@ def test_coupled_masses_need_a_smaller_penalty_where_isolated_ones_stagnate():
 @pytest.mark.slow
 @pytest.mark.parametrize('penalty', [10.0, 1e3, 1e5])
 def test_coupled_masses_pass_singular_positions_with_any_penalty(penalty):
-    """The slider-crank for 3 s: a constraint that is about to lose its hold becomes heavy, so its penalty grows with the need.
+    """The slider-crank for 3 s: a constraint that is about to lose its hold becomes heavy, so its penalty grows with
+    the need.
 
-    Every neighbour of the start keeps its branch and its energy (1e-3 J, the damped setting at 1 ms), and of most of them no step of 3000
-    stagnates: at a penalty of 1e5 rounding alone stops the iteration above the tolerance now and then. Isolated
-    masses with plain augmentations fail at 10.
+    Every neighbour of the start keeps its branch and its energy (1e-3 J, the damped setting at 1 ms), and of most of
+    them no step of 3000 stagnates: at a penalty of 1e5 rounding alone stops the iteration above the tolerance now and
+    then. Isolated masses with plain augmentations fail at 10.
     """
     settings = ('mode=tolerance', 'h=0.001', f'penalty={penalty}', 'effective_mass=coupled')
     stagnated = []
@@ -259,7 +277,9 @@ def test_massless_bodies_have_coefficients():
         *scene.model.joints,
         JointSpec(name='held', kind='fixed', i=Marker(body=massless.name), j=Marker(body=scene.model.bodies[0].name)),
     )
-    model = prepare(dataclasses.replace(scene.model, bodies=(*scene.model.bodies, massless), joints=joints, bushings=()))
+    model = prepare(
+        dataclasses.replace(scene.model, bodies=(*scene.model.bodies, massless), joints=joints, bushings=())
+    )
     sim = Simulation(dataclasses.replace(scene, model=model.spec))
     for coupled in (False, True):
         found = coefficients_of(model, sim.state, np.zeros(0), sim.outputs, coupled=coupled)

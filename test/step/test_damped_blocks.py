@@ -10,7 +10,8 @@ from solver.simulation import Simulation
 
 
 def run(scene: str, *, all_damped: bool = False, left: float = 0.0) -> tuple[Simulation, np.ndarray]:
-    """(a simulation after a few hundred steps, its state); left: what the blocks between bodies hold at the beginning."""
+    """(a simulation after a few hundred steps, its state); left: what the blocks between bodies hold at the
+    beginning."""
     s = simulation_of(load_scene(scene, ['duration=1']))
     if all_damped:
         tables = s.model.tables

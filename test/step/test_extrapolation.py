@@ -30,8 +30,8 @@ PROBLEMS = {
 def test_errors_fall_with_the_fourth_power_of_the_step(name: str) -> None:
     """Positions, velocities and multipliers against closed forms: slope 4 +- 0.3 of the largest error over 0.8 s.
 
-    Projections in the metric of the step matrix instead of the masses, or solutions that begin without the velocities that belong to
-    their step, make it 2 or 3.
+    Projections in the metric of the step matrix instead of the masses, or solutions that begin without the velocities
+    that belong to their step, make it 2 or 3.
     """
     problem, steps, fields = PROBLEMS[name]
     slopes, table = orders(problem, steps, TIMES, **FOURTH)
@@ -55,7 +55,8 @@ def test_three_iterations_are_enough_where_they_contract() -> None:
 
 @pytest.mark.slow
 def test_error_control_keeps_the_extrapolated_state() -> None:
-    """The estimate is that of the two steps, second order; what goes on is better: the error falls faster than the tolerance."""
+    """The estimate is that of the two steps, second order; what goes on is better: the error falls faster than the
+    tolerance."""
     largest = []
     for tolerance in (1e-3, 1e-4, 1e-5):
         sim = Simulation(scene_of(pendulum(), h=0.08, step_policy='error', error_tolerance=tolerance, **FOURTH))
@@ -64,12 +65,14 @@ def test_error_control_keeps_the_extrapolated_state() -> None:
             worst = max(worst, error(sim.advance(1), pendulum().exact(sim.k * sim.h))[0])
         largest.append(worst)
     slopes = np.log10(np.array(largest[:-1]) / largest[1:])
-    assert (slopes > 1.3).all(), largest  # 2 where the steps follow it freely, 1 where the iteration does, whose tolerance follows too
+    # 2 where the steps follow it freely, 1 where the iteration does, whose tolerance follows too
+    assert (slopes > 1.3).all(), largest
     assert largest[0] < 1e-4
 
 
 def test_a_passive_system_neither_gains_nor_loses_energy() -> None:
-    """The account follows the power over a step by Simpson's rule: a damped spring loses what it dissipates to the fourth order too."""
+    """The account follows the power over a step by Simpson's rule: a damped spring loses what it dissipates to the
+    fourth order too."""
     found = []
     for h in (8e-3, 4e-3):
         sim = Simulation(scene_of(spring_mass(), h=h, **FOURTH))
@@ -80,8 +83,9 @@ def test_a_passive_system_neither_gains_nor_loses_energy() -> None:
 
 @pytest.mark.parametrize('problem', [falling_four_bar(0.4), driven_four_bar(6.0)], ids=['free', 'driven'])
 def test_one_call_of_many_steps_is_many_calls_of_one(problem) -> None:
-    """Accelerations and multipliers are solved for where they are shown, or where a driver takes power: neither what is shown last nor the
-    account of energy, with the places of its largest residuals, may tell how the steps were asked for.
+    """Accelerations and multipliers are solved for where they are shown, or where a driver takes power: neither what is
+    shown last nor the account of energy, with the places of its largest residuals, may tell how the steps were asked
+    for.
     """
     whole, single = (Simulation(scene_of(problem, h=4e-3, **FOURTH)) for _ in range(2))
     shown = whole.advance(40)
@@ -138,16 +142,23 @@ def run_of(tmp_path: Path, content: dict, *settings: str) -> Simulation:
 def test_a_slipping_brake_takes_its_torque_and_shows_it(tmp_path: Path, order: int) -> None:
     """20 rad/s are left after 1 s, and 25 J are lost, one sample as the other."""
     run = run_of(tmp_path, braked(), f'order={order}', 'rho_inf=1')
-    shown = np.array([run.advance(1).elements[:6] for _ in range(1000)])  # energy, dissipation, wind-up, rate, torque, capacity
+    # energy, dissipation, wind-up, rate, torque, capacity
+    shown = np.array([run.advance(1).elements[:6] for _ in range(1000)])
     assert run.snapshot().joint_velocity[0] == pytest.approx(20.0, abs=1e-9)
     np.testing.assert_allclose(shown[:, 4], -1.0, rtol=1e-12)
     lost = np.abs(shown[:, 1]) - shown[:, 3]
-    assert np.abs(lost[40:]).max() < 1e-8  # behind 20 relaxation times of the wind-up, which takes energy in: exp(-20) = 2e-9 W
+    # behind 20 relaxation times of the wind-up, which takes energy in: exp(-20) = 2e-9 W
+    assert np.abs(lost[40:]).max() < 1e-8
     assert run.totals()['energy_error_max'] < 1e-3 * 25.0
 
 
 def test_friction_whose_wind_up_a_step_does_not_resolve_has_no_fourth_order(tmp_path: Path) -> None:
-    """It would grow by 5/3 in each step, and its sign decide about that of the torque: 28 rad/s were left after 1 s instead of 20."""
-    with pytest.raises(SpecError, match=r"wind-up of Brake 'pads' relaxes in 0 s .* a damping of 0\.25 N m s/rad or more, or take"):
+    """It would grow by 5/3 in each step, and its sign decide about that of the torque: 28 rad/s were left after 1 s
+    instead of 20."""
+    with pytest.raises(
+        SpecError, match=r"wind-up of Brake 'pads' relaxes in 0 s .* a damping of 0\.25 N m s/rad or more, or take"
+    ):
         run_of(tmp_path, braked(damping=0.0), 'order=4', 'rho_inf=1')
-    assert run_of(tmp_path, braked(damping=0.25), 'order=4', 'rho_inf=1').advance(1000).joint_velocity[0] == pytest.approx(20.0, abs=1e-6)
+    assert run_of(tmp_path, braked(damping=0.25), 'order=4', 'rho_inf=1').advance(1000).joint_velocity[
+        0
+    ] == pytest.approx(20.0, abs=1e-6)

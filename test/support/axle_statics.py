@@ -17,8 +17,8 @@ FORWARD, LEFT = np.eye(3)[0], np.eye(3)[1]
 
 
 class Loads(NamedTuple):
-    """along, across: torque about x and about y that the housing gets from elsewhere than tires, springs, links, weight and inertia [N m];
-    links: forces in the links [N]."""
+    """along, across: torque about x and about y that the housing gets from elsewhere than tires, springs, links, weight
+    and inertia [N m]; links: forces in the links [N]."""
 
     along: float
     across: float
@@ -33,7 +33,8 @@ def links(axle: str) -> tuple[str, ...]:
 def loads(run: Simulation, axle: str, rods: tuple[str, ...], steps: int = 100) -> Loads:
     """Of a car that drives straight on along x, from its motion over some steps. rods: names of its four links.
 
-    Unknown are four forces along links and two torques. Links and propeller shaft share their weight and inertia between their ends.
+    Unknown are four forces along links and two torques. Links and propeller shaft share their weight and inertia
+    between their ends.
     """
     before = run.snapshot().twist.copy()
     shot = run.advance(steps)
@@ -55,13 +56,21 @@ def loads(run: Simulation, axle: str, rods: tuple[str, ...], steps: int = 100) -
     own = [f'axle_{axle}', *(f'wheel_{axle}_{side}' for side in ('left', 'right')), f'drive_pinion_{axle}']
     for name in own:
         body, k = spec.bodies[names.index(name)], names.index(name)
-        add(placed(Marker(body=name, position=body.com)), body.mass * (GRAVITY - faster), -body.inertia[1] * change[k, 4] * LEFT)
+        add(
+            placed(Marker(body=name, position=body.com)),
+            body.mass * (GRAVITY - faster),
+            -body.inertia[1] * change[k, 4] * LEFT,
+        )
     column = {name: k for k, name in enumerate(TIRE_COLUMNS)}
     for tire, row in zip(spec.tires, shot.tire, strict=True):
         if tire.name.startswith(axle):
             frame = Rotation.from_quat(row[column['qx'] : column['qw'] + 1])
             place = row[column['px'] : column['pz'] + 1]
-            add(place, frame.apply(row[column['fx'] : column['fz'] + 1]), frame.apply(row[column['mx'] : column['mz'] + 1]))
+            add(
+                place,
+                frame.apply(row[column['fx'] : column['fz'] + 1]),
+                frame.apply(row[column['mx'] : column['mz'] + 1]),
+            )
     for name, element in forces(run, 'spring_dampers').items():
         spring = next(s for s in spec.spring_dampers if s.name == name)
         if axle in name:

@@ -1,4 +1,5 @@
-"""Digests of runs, in a process whose processor can be another: `python bits_of_runs.py [--nudged] SCENE ...` prints them as JSON."""
+"""Digests of runs, in a process whose processor can be another: `python bits_of_runs.py [--nudged] SCENE ...` prints
+them as JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ from solver.inputs.signals import Sine, SineWithDwell, Sum, Sweep, Table
 
 SECONDS = 0.2
 ELEMENTARY = (
-    'sin', 'cos', 'tan', 'exp', 'expm1', 'log', 'log10', 'log1p', 'sinh', 'cosh', 'tanh', 'arctan2', 'arctan', 'arcsin', 'arccos',
+    'sin', 'cos', 'tan', 'exp', 'expm1', 'log', 'log10', 'log1p', 'sinh', 'cosh', 'tanh', 'arctan2', 'arctan', 'arcsin',
+    'arccos',
     'power', 'float_power', 'hypot', 'cbrt',
 )  # fmt: skip
 BLAS = ('dot', 'vdot', 'inner', 'matmul', 'tensordot')
@@ -49,7 +51,10 @@ def of_inputs() -> list[str]:
         Table(points=points),
     )
     path = Waypoints(points=tuple((10.0 * x, y) for x, y in points))
-    return [digest(*Sum(terms=terms).jet(np.linspace(0.0, 3.0, 301))), digest(np.array([path.lateral(0.37 * k) for k in range(100)]))]
+    return [
+        digest(*Sum(terms=terms).jet(np.linspace(0.0, 3.0, 301))),
+        digest(np.array([path.lateral(0.37 * k) for k in range(100)])),
+    ]
 
 
 def of_all(scenes: list[str]) -> dict[str, list[str]]:

@@ -22,18 +22,25 @@ class Client:
         from std_srvs.srv import Trigger
 
         self.node, self._float, self._trigger = node, Float64, Trigger
-        self.commands = [node.create_publisher(Float64, f'simulator/{name}', 1) for name in ('steering_cmd', 'torque_cmd', 'brake_cmd')]
+        self.commands = [
+            node.create_publisher(Float64, f'simulator/{name}', 1)
+            for name in ('steering_cmd', 'torque_cmd', 'brake_cmd')
+        ]
         self.applied: list[dict[str, float]] = []
         self.clock: list[float] = []
         self.odom: list[Odometry] = []
         self.diagnostics: list[DiagnosticArray] = []
         self.description: list[String] = []
         self.scene: list[String] = []
-        node.create_subscription(JointState, 'cmd_applied', lambda m: self.applied.append(dict(zip(m.name, m.position))), 1000)
+        node.create_subscription(
+            JointState, 'cmd_applied', lambda m: self.applied.append(dict(zip(m.name, m.position))), 1000
+        )
         node.create_subscription(Odometry, 'odom', self.odom.append, 10)
         node.create_subscription(DiagnosticArray, '/diagnostics', self.diagnostics.append, 10)
         best = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        node.create_subscription(Clock, '/clock', lambda m: self.clock.append(m.clock.sec + 1e-9 * m.clock.nanosec), best)
+        node.create_subscription(
+            Clock, '/clock', lambda m: self.clock.append(m.clock.sec + 1e-9 * m.clock.nanosec), best
+        )
         from rclpy.qos import DurabilityPolicy
 
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -43,7 +50,8 @@ class Client:
         self.executor.add_node(node)
 
     def until(self, condition, seconds: float = 15.0) -> None:
-        """Listen until the condition holds; one that looks at the newest message of a topic does not hold before the first."""
+        """Listen until the condition holds; one that looks at the newest message of a topic does not hold before the
+        first."""
         end = time.monotonic() + seconds
         while not self._holds(condition):
             assert time.monotonic() < end, 'timed out'
@@ -53,7 +61,8 @@ class Client:
         try:
             return bool(condition())
         except IndexError:
-            # topics are discovered one by one: reports of an adapter can be heard before the first of the simulator itself
+            # topics are discovered one by one: reports of an adapter can be heard before the first of the simulator
+            # itself
             if all((self.applied, self.clock, self.odom, self.diagnostics)):
                 raise
             return False

@@ -1,7 +1,8 @@
 """Motions known in closed form, or from ordinary differential equations in minimal coordinates at tolerance 1e-13.
 
-Nothing here uses the solver: each function t -> Motion stands on its own derivation, the scene text beside it is the same problem.
-Differential equations are solved when a motion is first asked for: every process of tests collects them all, and runs a part of them.
+Nothing here uses the solver: each function t -> Motion stands on its own derivation, the scene text beside it is the
+same problem. Differential equations are solved when a motion is first asked for: every process of tests collects them
+all, and runs a part of them.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ def turned(axis: str, angle: float) -> np.ndarray:
 
 
 def pendulum() -> Problem:
-    """Point mass 1 kg at 1 m, released at rest from the horizontal: sin(phi/2) = k sn(K + t sqrt(g/l)), k = sin(45 deg)."""
+    """Point mass 1 kg at 1 m, released at rest from the horizontal: sin(phi/2) = k sn(K + t sqrt(g/l)), k = sin(45
+    deg)."""
     k = np.sin(np.pi / 4)
     rate = np.sqrt(G)
 
@@ -52,13 +54,16 @@ def pendulum() -> Problem:
         radial, tangent = np.array([np.sin(phi), -np.cos(phi), 0.0]), np.array([np.cos(phi), np.sin(phi), 0.0])
         force = -(dphi**2) * radial - G * np.sin(phi) * tangent + np.array([0.0, G, 0.0])
         zero = np.zeros((1, 3))
-        return Motion(zero, turned('z', phi + np.pi / 2)[None], zero, np.array([[0.0, 0.0, dphi]]), np.array([*force, 0.0, 0.0]))
+        return Motion(
+            zero, turned('z', phi + np.pi / 2)[None], zero, np.array([[0.0, 0.0, dphi]]), np.array([*force, 0.0, 0.0])
+        )
 
     return Problem('mechanism: mechanisms/pendulum.yaml', exact)
 
 
 def spring_mass(stiffness: float = 100.0, damping: float = 2.0) -> Problem:
-    """Damped oscillator on a guide, centre of mass 0.2 m beside it: x = e^(-d t) (...), reaction torque m (g + a) 0.2 m about y."""
+    """Damped oscillator on a guide, centre of mass 0.2 m beside it: x = e^(-d t) (...), reaction torque m (g + a) 0.2 m
+    about y."""
     w0, d = np.sqrt(stiffness), damping / 2
     wd = np.sqrt(w0**2 - d**2)
     sag = G / stiffness
@@ -68,7 +73,8 @@ def spring_mass(stiffness: float = 100.0, damping: float = 2.0) -> Problem:
         x = -1 - sag + sag * decay * (c + d / wd * s)
         dx = -sag * decay * w0**2 / wd * s
         ddx = -2 * d * dx - w0**2 * (x + 1 + sag)
-        # rows x, y, xy, xz, yz; F_x . G_z = 0 turns the mass about +y where it is positive, the weight pulls its far side down (also +y)
+        # rows x, y, xy, xz, yz; F_x . G_z = 0 turns the mass about +y where it is positive, the weight pulls its far
+        # side down (also +y)
         torque = -(G + ddx) * 0.2
         reaction = np.array([0.0, 0.0, 0.0, torque, 0.0])
         zero = np.zeros((1, 3))
@@ -87,14 +93,17 @@ mechanism:
 
 
 def torque_free_top() -> Problem:
-    """Euler's asymmetric top (Landau and Lifshitz, Mechanics, par. 37): Jacobi functions; the precession by quadrature of its rate."""
+    """Euler's asymmetric top (Landau and Lifshitz, Mechanics, par. 37): Jacobi functions; the precession by quadrature
+    of its rate."""
     I1, I2, I3 = inertia = np.array([0.010, 0.020, 0.025])
     w0 = np.array([2.0, 0.0, 3.0])
     E2, L2 = float(inertia @ w0**2), float((inertia * w0) @ (inertia * w0))
     assert L2 > E2 * I2  # rotation about the axis of largest inertia
     m = (I2 - I1) * (E2 * I3 - L2) / ((I3 - I2) * (L2 - E2 * I1))
     rate = np.sqrt((I3 - I2) * (L2 - E2 * I1) / (I1 * I2 * I3))
-    size = np.sqrt([(E2 * I3 - L2) / (I1 * (I3 - I1)), (E2 * I3 - L2) / (I2 * (I3 - I2)), (L2 - E2 * I1) / (I3 * (I3 - I1))])
+    size = np.sqrt(
+        [(E2 * I3 - L2) / (I1 * (I3 - I1)), (E2 * I3 - L2) / (I2 * (I3 - I2)), (L2 - E2 * I1) / (I3 * (I3 - I1))]
+    )
 
     def spin(t):
         sn, cn, dn, _ = ellipj(rate * t, m)
@@ -144,13 +153,14 @@ mechanism:
     top: {{mass: 1, inertia: [0.01, 0.01, {C}], com: [0, 0, {length}], rpy_deg: [30, 0, 0], angular_velocity: [0, {W / 2}, {float(w3)!r}]}}
   joints:
     tip: {{kind: spherical, i: world, j: top}}
-"""
+"""  # noqa: E501
     return Problem(scene, exact)
 
 
 @cache
 def heavy_body(duration: float) -> Problem:
-    """Any heavy body about a fixed point: J_tip dw/dt + w x J_tip w = m c x R^T g with a quaternion, integrated tightly."""
+    """Any heavy body about a fixed point: J_tip dw/dt + w x J_tip w = m c x R^T g with a quaternion, integrated
+    tightly."""
     inertia, c, w0 = np.array([0.02, 0.05, 0.04]), np.array([0.1, -0.05, 0.3]), np.array([1.0, -2.0, 6.0])
     J = np.diag(inertia) + np.dot(c, c) * np.eye(3) - np.outer(c, c)
 
@@ -182,7 +192,8 @@ mechanism:
 
 
 class FourBar:
-    """Planar four-bar of uniform bars (config/mechanisms/four_bar.yaml) in its crank angle; Newton-Euler equations of each bar."""
+    """Planar four-bar of uniform bars (config/mechanisms/four_bar.yaml) in its crank angle; Newton-Euler equations of
+    each bar."""
 
     length = np.array([0.2, 0.5, 0.4])
     ground = 0.5
@@ -192,7 +203,8 @@ class FourBar:
         self.inertia = np.array([6.666666666666667e-4, 0.010416666666666666, 0.005333333333333333])
 
     def angles(self, crank: float) -> np.ndarray:
-        """Angles of crank, coupler and rocker: the closing point is the upper intersection of the circles about B and D."""
+        """Angles of crank, coupler and rocker: the closing point is the upper intersection of the circles about B and
+        D."""
         l1, l2, l3 = self.length
         B, D = l1 * np.array([np.cos(crank), np.sin(crank)]), np.array([self.ground, 0.0])
         r = D - B
@@ -213,7 +225,8 @@ class FourBar:
         return a, w, (ratio, np.array([0.0, *b]))
 
     def balance(self, crank: float, rate: float):
-        """(matrix, rhs) of the nine equations in (crank acceleration, torque on the crank, forces at A, B, D, C in x and z)."""
+        """(matrix, rhs) of the nine equations in (crank acceleration, torque on the crank, forces at A, B, D, C in x
+        and z)."""
         a, w, (s, b) = self.kinematics(crank, rate)
         e, n = np.array([np.cos(a), np.sin(a)]).T, np.array([-np.sin(a), np.cos(a)]).T
         L = self.length
@@ -225,7 +238,8 @@ class FourBar:
             -e[0] * w[0] ** 2 * L[0] + (n[1] * b[1] - e[1] * w[1] ** 2) * L[1] / 2,
             (n[2] * b[2] - e[2] * w[2] ** 2) * L[2] / 2,
         ])  # fmt: skip
-        # forces act on: A the crank at its start, B the coupler at its start, D the rocker at its start, C the rocker at its end
+        # forces act on: A the crank at its start, B the coupler at its start, D the rocker at its start, C the rocker
+        # at its end
         ends = [(0, 2, -1, 1), (1, 4, -1, 1), (2, 6, -1, 1), (2, 8, 1, 1), (0, 4, 1, -1), (1, 8, 1, -1)]
         for k in range(3):
             M[3 * k : 3 * k + 2, 0] = -self.mass[k] * p[k]

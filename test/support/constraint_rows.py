@@ -1,4 +1,5 @@
-"""The rows of one joint or contact between two bodies, and the laws they obey, checked without a model or an integrator."""
+"""The rows of one joint or contact between two bodies, and the laws they obey, checked without a model or an
+integrator."""
 
 from __future__ import annotations
 
@@ -59,7 +60,9 @@ def check_derivatives(rows: Rows, kin: Kinematics, lam: np.ndarray) -> None:
     np.testing.assert_allclose(A[:, :12], A_exact, rtol=0, atol=1e-12 * max(1.0, np.abs(A_exact).max()))
     np.testing.assert_allclose(K, K_exact, rtol=0, atol=1e-12 * max(1.0, np.abs(K_exact).max()))
     velocity = ~rows.holonomic
-    np.testing.assert_allclose(phi[velocity], (A @ kin.v.ravel())[velocity], rtol=0, atol=1e-12 * max(1.0, np.abs(A).max()))
+    np.testing.assert_allclose(
+        phi[velocity], (A @ kin.v.ravel())[velocity], rtol=0, atol=1e-12 * max(1.0, np.abs(A).max())
+    )
 
 
 def check_reactions(rows: Rows, kin: Kinematics, lam: np.ndarray) -> None:

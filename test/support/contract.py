@@ -1,4 +1,5 @@
-"""The laws every force element obeys (docs/contributing.md), checked on one element kind without a model or an integrator.
+"""The laws every force element obeys (docs/contributing.md), checked on one element kind without a model or an
+integrator.
 
     context = ContractContext(bodies=2, inputs=('throttle',))
     table = compile_spring_dampers([spec], context)
@@ -127,7 +128,8 @@ class Result(NamedTuple):
 
 
 class _Shared:
-    """Kinematics by reference, as models have them: one Ref for each number of bodies, for making one takes longer than a kernel."""
+    """Kinematics by reference, as models have them: one Ref for each number of bodies, for making one takes longer than
+    a kernel."""
 
     def __init__(self) -> None:
         self._held: dict[int, Ref] = {}
@@ -197,7 +199,9 @@ class Element:
     n: int
     outputs: Collection[str]
 
-    def evaluate(self, kin: Kinematics, *, zp=(), cz: float = 0.0, u=(), tangents: bool = False, dtype=float, start: float = 0.0) -> Result:
+    def evaluate(
+        self, kin: Kinematics, *, zp=(), cz: float = 0.0, u=(), tangents: bool = False, dtype=float, start: float = 0.0
+    ) -> Result:
         """Call the kernel on fresh arrays: z and out poisoned with NaN, f, Kq, Kv filled with `start`."""
         nb = self.context.n_bodies
         zp = np.array(zp, dtype)
@@ -221,7 +225,8 @@ class Element:
 
 
 def kinematics(poses: Sequence[tuple[ArrayLike, ArrayLike]], twists: ArrayLike | None = None) -> Kinematics:
-    """Kinematics of bodies given as (position of the centre of mass [m], rotation matrix or rotation vector [rad]); world appended."""
+    """Kinematics of bodies given as (position of the centre of mass [m], rotation matrix or rotation vector [rad]);
+    world appended."""
     n = len(poses)
     R = np.empty((n + 1, 3, 3))
     R[:] = IDENTITY
@@ -242,7 +247,9 @@ def random_marker(rng: np.random.Generator, body: str, position: Vector | None =
     return Marker(body=body, position=at, orientation=Rotation.random(random_state=rng).as_quat())
 
 
-def random_kinematics(rng: np.random.Generator, bodies: int, *, spread: float = 1.0, turn: float = 3.0, speed: float = 1.0) -> Kinematics:
+def random_kinematics(
+    rng: np.random.Generator, bodies: int, *, spread: float = 1.0, turn: float = 3.0, speed: float = 1.0
+) -> Kinematics:
     """Random placements: positions N(0, spread) [m], rotation vectors up to `turn` [rad], twists N(0, speed)."""
     poses = []
     for _ in range(bodies):
@@ -252,7 +259,8 @@ def random_kinematics(rng: np.random.Generator, bodies: int, *, spread: float = 
 
 
 def displaced(kin: Kinematics, dq: np.ndarray, dv: np.ndarray) -> Kinematics:
-    """kin after the variation dq and the twist increment dv, both (nb, 6), along the imaginary axis: exact to first order."""
+    """kin after the variation dq and the twist increment dv, both (nb, 6), along the imaginary axis: exact to first
+    order."""
     nb = kin.p.shape[0] - 1
     R, p, v = (a.astype(complex) for a in kin)
     p[:nb] += 1j * STEP * dq[:, :3]
@@ -288,10 +296,14 @@ def check_tangents(element: Element, kin: Kinematics, *, tolerance: float = 1e-1
     exact = complex_step_tangents(element, kin, **arguments)
     result = element.evaluate(kin, tangents=True, **arguments)
     source = element.evaluate(displaced(kin, *np.zeros((2, *kin.v[:-1].shape))), dtype=complex, **arguments).f.real
-    np.testing.assert_allclose(result.f, source, rtol=0.0, atol=tolerance * max(float(np.abs(source).max()), 1e-300), err_msg='f')
+    np.testing.assert_allclose(
+        result.f, source, rtol=0.0, atol=tolerance * max(float(np.abs(source).max()), 1e-300), err_msg='f'
+    )
     for name, K, reference in zip(('Kq', 'Kv'), (result.Kq, result.Kv), exact, strict=True):
         scale = max(float(np.abs(reference).max()), 1e-300)
-        np.testing.assert_allclose(K / scale, reference / scale, rtol=0.0, atol=tolerance, err_msg=f'{name} (scaled by its largest entry)')
+        np.testing.assert_allclose(
+            K / scale, reference / scale, rtol=0.0, atol=tolerance, err_msg=f'{name} (scaled by its largest entry)'
+        )
 
 
 def check_action_reaction(element: Element, kin: Kinematics, *, tolerance: float = 1e-12, **arguments) -> None:
@@ -305,7 +317,8 @@ def check_action_reaction(element: Element, kin: Kinematics, *, tolerance: float
 
 
 def check_power_balance(element: Element, kin: Kinematics, *, tolerance: float = 1e-11, **arguments) -> None:
-    """f . v = -dE/dt - dissipation, with dE/dt along the motion v and zdot = (z - zp)/cz (cz > 0 needed with internal states)."""
+    """f . v = -dE/dt - dissipation, with dE/dt along the motion v and zdot = (z - zp)/cz (cz > 0 needed with internal
+    states)."""
     result = element.evaluate(kin, **arguments)
     z = result.z
     if len(z):
@@ -316,11 +329,14 @@ def check_power_balance(element: Element, kin: Kinematics, *, tolerance: float =
     power = float((result.f * kin.v).sum())
     lost = float(result.out[:, 1].sum())
     scale = float((np.abs(result.f) * np.abs(kin.v)).sum()) + abs(lost) + 1e-300
-    np.testing.assert_allclose((power + stored + lost) / scale, 0.0, atol=tolerance, err_msg='f.v + dE/dt + dissipation')
+    np.testing.assert_allclose(
+        (power + stored + lost) / scale, 0.0, atol=tolerance, err_msg='f.v + dE/dt + dissipation'
+    )
 
 
 def check_purity(element: Element, kin: Kinematics, **arguments) -> None:
-    """Same arguments, same bits; arguments unwritten; f, Kq, Kv accumulated; z and out assigned; tangents do not change f."""
+    """Same arguments, same bits; arguments unwritten; f, Kq, Kv accumulated; z and out assigned; tangents do not change
+    f."""
     before = [a.copy() for a in kin]  # where the call is not that of forcing(), which looks itself
     first = element.evaluate(kin, tangents=True, **arguments)
     again = element.evaluate(kin, tangents=True, **arguments)
@@ -340,18 +356,22 @@ def check_purity(element: Element, kin: Kinematics, **arguments) -> None:
         value = getattr(first, name)
         scale = 1.0 + float(np.abs(value).max())
         np.testing.assert_allclose(
-            (getattr(shifted, name) - 0.5) / scale, value / scale, rtol=0.0, atol=1e-14, err_msg=f'{name} is not accumulated'
+            (getattr(shifted, name) - 0.5) / scale,
+            value / scale,
+            rtol=0.0,
+            atol=1e-14,
+            err_msg=f'{name} is not accumulated',
         )
 
 
 def check_states(element: Element, kin: Kinematics, *, tolerance: float = 1e-9, **arguments) -> None:
     """Internal states are solved with their own rate: z = zp + cz g(z), whatever the way that leads to z.
 
-    The rate is (z - zp)/cz. A stage of any other length cz' that begins at z - cz' rate ends in the same z, so gives the same rate; an
-    infinitesimal one begins at z itself. An explicit element, z = zp + cz g(zp), fails: it would make every step first order. The law
-    also holds where g is set-valued (dry friction). `tolerance` is relative to |rate| and to the rounding of z in the shortest stage,
-    1e-3 cz: a residual of Newton's iteration within an element of 1e-12 |z| passes, ten times the tolerance would still see an explicit
-    element whose own time constant is 1e7 stages.
+    The rate is (z - zp)/cz. A stage of any other length cz' that begins at z - cz' rate ends in the same z, so gives
+    the same rate; an infinitesimal one begins at z itself. An explicit element, z = zp + cz g(zp), fails: it would make
+    every step first order. The law also holds where g is set-valued (dry friction). `tolerance` is relative to |rate|
+    and to the rounding of z in the shortest stage, 1e-3 cz: a residual of Newton's iteration within an element of 1e-12
+    |z| passes, ten times the tolerance would still see an explicit element whose own time constant is 1e7 stages.
     """
     if not element.context.n_states or not arguments['cz']:
         return
@@ -363,14 +383,19 @@ def check_states(element: Element, kin: Kinematics, *, tolerance: float = 1e-9, 
         again = (element.evaluate(kin, **other).z - other['zp']) / other['cz']
         scale = float((np.abs(rate) + 1e-3 * np.abs(z) / other['cz']).max()) + 1e-300
         np.testing.assert_allclose(
-            again / scale, rate / scale, rtol=0.0, atol=tolerance, err_msg=f'rate of the internal states, in a stage {ratio} times as long'
+            again / scale,
+            rate / scale,
+            rtol=0.0,
+            atol=tolerance,
+            err_msg=f'rate of the internal states, in a stage {ratio} times as long',
         )
 
 
 def check_contract(
     element: Element, kin: Kinematics, *, pair: bool = True, power: bool = True, tolerance: float = 1e-11, **arguments
 ) -> None:
-    """All of the above. pair: action = reaction applies; power: the balance applies to all elements of the table together.
+    """All of the above. pair: action = reaction applies; power: the balance applies to all elements of the table
+    together.
 
     tolerance: of tangents and power, relative; it is rounding, which cancellations inside of an element may raise.
     """

@@ -46,7 +46,9 @@ def errors(problem: Problem, h: float, times: np.ndarray, **integrator) -> np.nd
     return worst
 
 
-def orders(problem: Problem, steps: tuple[float, ...], times: np.ndarray, **integrator) -> tuple[np.ndarray, np.ndarray]:
+def orders(
+    problem: Problem, steps: tuple[float, ...], times: np.ndarray, **integrator
+) -> tuple[np.ndarray, np.ndarray]:
     """(slopes (3,) of log error over log h by least squares, errors (len(steps), 3))."""
     table = np.array([errors(problem, h, times, **integrator) for h in steps])
     x = np.log(steps)

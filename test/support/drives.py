@@ -14,7 +14,12 @@ L, RATIO, U, ROLL, SLIP, TORQUE = 2.7, 16.0, 0.003, 0.008, -0.004, 1.2  # of cir
 
 def made(t: np.ndarray, **values: np.ndarray | float) -> Signals:
     """Signals from arrays; numbers hold all the time."""
-    return Signals(place='bag', t=t, values={k: np.broadcast_to(np.asarray(v, float), t.shape).copy() for k, v in values.items()}, notes=[])
+    return Signals(
+        place='bag',
+        t=t,
+        values={k: np.broadcast_to(np.asarray(v, float), t.shape).copy() for k, v in values.items()},
+        notes=[],
+    )
 
 
 def even(seconds: float, rate: float = 200.0) -> np.ndarray:
@@ -35,7 +40,8 @@ def circling(method: str, side: float = 1.0) -> Signals:
         k = 0.4 / RATIO / (L + U * v * v)
     a = v * v * k
     return made(
-        t, speed=v, yaw_rate=side * k * v, lateral_acceleration=side * a, steering=side * RATIO * (L * k + U * a), roll=side * ROLL * a,
+        t, speed=v, yaw_rate=side * k * v, lateral_acceleration=side * a, steering=side * RATIO * (L * k + U * a),
+        roll=side * ROLL * a,
         sideslip_angle=side * (0.01 + SLIP * a), steering_torque=side * (0.5 + TORQUE * a),
     )  # fmt: skip
 
@@ -66,10 +72,15 @@ def stepped(side: float = 1.0, rate: float = 500.0) -> Signals:
 
 
 def dwelling(
-    amplitude: float = 1.5, side: float = 1.0, rate: float = 500.0, ratios: tuple[float, float] = (0.3, 0.1), push: float = 6.0
+    amplitude: float = 1.5,
+    side: float = 1.0,
+    rate: float = 500.0,
+    ratios: tuple[float, float] = (0.3, 0.1),
+    push: float = 6.0,
 ) -> Signals:
-    """0.7 Hz, dwell 0.5 s, from t = 2 s; the yaw rate follows the steering wheel, then falls on straight lines through the wanted ratios;
-    the lateral acceleration grows as push * (t - BOS), so that the car is aside by push (1.07 s)^3/6."""
+    """0.7 Hz, dwell 0.5 s, from t = 2 s; the yaw rate follows the steering wheel, then falls on straight lines through
+    the wanted ratios; the lateral acceleration grows as push * (t - BOS), so that the car is aside by push (1.07
+    s)^3/6."""
     t = even(8.0, rate)
     f, start = 0.7, 2.0
     peak_at, again = start + 0.75 / f, start + 0.75 / f + 0.5
@@ -78,7 +89,11 @@ def dwelling(
         2.0
         * np.pi
         * f
-        * np.where(t < peak_at, np.clip(t - start, 0.0, None), np.where(t < again, 0.75 / f, np.clip(t - 0.5 - start, None, 1.0 / f)))
+        * np.where(
+            t < peak_at,
+            np.clip(t - start, 0.0, None),
+            np.where(t < again, 0.75 / f, np.clip(t - 0.5 - start, None, 1.0 / f)),
+        )
     )
     d = amplitude * np.sin(phase)
     yaw = 0.6 * np.sin(phase)
@@ -93,7 +108,13 @@ def dwelling(
     )
     bos = start + math.asin(math.radians(5.0) / amplitude) / (2.0 * np.pi * f)
     lateral = push * np.clip(t - bos, 0.0, 1.3)
-    return made(t, steering=side * d + 0.003, speed=22.2, yaw_rate=side * yaw - 0.002, lateral_acceleration=side * lateral + 0.05)
+    return made(
+        t,
+        steering=side * d + 0.003,
+        speed=22.2,
+        yaw_rate=side * yaw - 0.002,
+        lateral_acceleration=side * lateral + 0.05,
+    )
 
 
 def weaving(f: float = 0.2) -> Signals:
@@ -101,6 +122,7 @@ def weaving(f: float = 0.2) -> Signals:
     t = even(32.0, 100.0) - 0.5
     w = 2.0 * np.pi * f
     return made(
-        t, steering=0.3 * np.sin(w * t), speed=27.8, lateral_acceleration=2.0 * np.sin(w * t - 0.2), yaw_rate=0.07 * np.sin(w * t - 0.12),
+        t, steering=0.3 * np.sin(w * t), speed=27.8, lateral_acceleration=2.0 * np.sin(w * t - 0.2),
+        yaw_rate=0.07 * np.sin(w * t - 0.12),
         steering_torque=3.0 * np.sin(w * t + 0.4),
     )  # fmt: skip

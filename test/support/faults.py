@@ -28,7 +28,9 @@ def trials(few: int, usual: int | None = None) -> list[Any]:
     """Numbers of the trials to make; of the few the usual ones (all), the others where long tests run."""
     if COUNT:
         return list(range(COUNT))
-    return [pytest.param(k, marks=pytest.mark.long if k >= (few if usual is None else usual) else ()) for k in range(few)]
+    return [
+        pytest.param(k, marks=pytest.mark.long if k >= (few if usual is None else usual) else ()) for k in range(few)
+    ]
 
 
 def times(name: str, trial: int) -> np.random.Generator:

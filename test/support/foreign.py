@@ -1,5 +1,6 @@
-"""Stand-ins of message packages that no wheel offers, with the same names, fields and constants (interfaces/): the generators of ROS make
-them real, so that they go over real topics, services and actions. Needs a C++ compiler; made once and kept.
+"""Stand-ins of message packages that no wheel offers, with the same names, fields and constants (interfaces/): the
+generators of ROS make them real, so that they go over real topics, services and actions. Needs a C++ compiler; made
+once and kept.
 
 Sources of the fields: github.com/ros-drivers/ackermann_msgs, github.com/autowarefoundation/autoware_msgs,
 github.com/ros-simulation/simulation_interfaces (2.1.0), github.com/ros2/geometry2.
@@ -53,9 +54,16 @@ def packages() -> Path:
         if where.is_dir():
             return where
         made = Path(scratch) / 'packages'
-        parser = importlib.import_module('rosidl_parser.parser')  # seven generators read the same definitions, for a third of all the time
+        # seven generators read the same definitions, for a third of all the time
+        parser = importlib.import_module('rosidl_parser.parser')
         patch.setattr(parser, 'get_ast_from_idl_string', functools.cache(parser.get_ast_from_idl_string))
-        for name in ('ackermann_msgs', 'autoware_control_msgs', 'autoware_vehicle_msgs', 'simulation_interfaces', 'tf2_msgs'):
+        for name in (
+            'ackermann_msgs',
+            'autoware_control_msgs',
+            'autoware_vehicle_msgs',
+            'simulation_interfaces',
+            'tf2_msgs',
+        ):
             make(name, Path(scratch) / name, made)
         made.replace(where)
     return where
@@ -64,7 +72,11 @@ def packages() -> Path:
 def make(name: str, scratch: Path, out: Path) -> None:
     """Generate and compile one package."""
     idl = [convert(name, source, scratch / 'idl') for source in sorted((DEFINITIONS / name).rglob('*.*'))]
-    include = [f'{p.name}:{p}' for p in (PREFIX / 'share').iterdir() if any((p / kind).is_dir() for kind in ('msg', 'srv', 'action'))]
+    include = [
+        f'{p.name}:{p}'
+        for p in (PREFIX / 'share').iterdir()
+        if any((p / kind).is_dir() for kind in ('msg', 'srv', 'action'))
+    ]
     given = {
         'package_name': name,
         'idl_tuples': [f'{scratch}/idl:{path}' for path in idl],
@@ -114,7 +126,8 @@ def generate(generator: str, function: str, given: dict, out: Path, *more: list[
 
 def compile_all(name: str, sources: Path, out: Path) -> None:
     """The libraries of a package, and the module that Python imports, which finds them beside itself."""
-    for part, macro in (('rosidl_generator_c', 'ROSIDL_GENERATOR_C'), ('rosidl_typesupport_fastrtps_c', 'ROSIDL_TYPESUPPORT_FASTRTPS_C'),
+    for part, macro in (('rosidl_generator_c', 'ROSIDL_GENERATOR_C'),
+    ('rosidl_typesupport_fastrtps_c', 'ROSIDL_TYPESUPPORT_FASTRTPS_C'),
                         ('rosidl_typesupport_introspection_c', 'ROSIDL_TYPESUPPORT_INTROSPECTION_C')):  # fmt: skip
         header = sources / 'generator_c' / name / 'msg' / f'{part}__visibility_control.h'
         header.parent.mkdir(exist_ok=True)
@@ -125,15 +138,34 @@ def compile_all(name: str, sources: Path, out: Path) -> None:
     for part, library in libraries.items():
         folders = [sources / folder for folder in (('typesupport_c', 'generator_py') if part == 'module' else (part,))]
         objects = [unit for folder in folders for unit in compiled(name, folder, sources)]
-        link = [f'-L{out}', f'-L{PREFIX / "lib"}', '-Wl,-rpath,$ORIGIN', f'-Wl,-rpath,{PREFIX / "lib"}', '-Wl,--no-as-needed']
+        link = [
+            f'-L{out}',
+            f'-L{PREFIX / "lib"}',
+            '-Wl,-rpath,$ORIGIN',
+            f'-Wl,-rpath,{PREFIX / "lib"}',
+            '-Wl,--no-as-needed',
+        ]
         link += [f'-l:{other}' for other in list(libraries.values())[:-1] if (out / other).exists()]
         link += [
             f'-l{other}'
-            for other in ('fastcdr', 'rosidl_runtime_c', 'rmw', 'rcutils', *(f'rosidl_{p}' for p in ('typesupport_c', *SUPPORTS)))
+            for other in (
+                'fastcdr',
+                'rosidl_runtime_c',
+                'rmw',
+                'rcutils',
+                *(f'rosidl_{p}' for p in ('typesupport_c', *SUPPORTS)),
+            )
         ]
-        link += [f'-l{other}__rosidl_{p}' for other in OTHERS for p in ('generator_c', 'generator_py', 'typesupport_c', *SUPPORTS)]
+        link += [
+            f'-l{other}__rosidl_{p}'
+            for other in OTHERS
+            for p in ('generator_c', 'generator_py', 'typesupport_c', *SUPPORTS)
+        ]
         subprocess.run(
-            ['g++', '-shared', f'-Wl,-soname,{library}', '-o', out / library, *objects, *link], check=True, capture_output=True, text=True
+            ['g++', '-shared', f'-Wl,-soname,{library}', '-o', out / library, *objects, *link],
+            check=True,
+            capture_output=True,
+            text=True,
         )
 
 
@@ -141,7 +173,13 @@ def compiled(name: str, folder: Path, sources: Path) -> list[Path]:
     """Objects of all sources in a folder, as few as can be."""
     numpy = importlib.import_module('numpy').get_include()
     headers = [p for p in (PREFIX / 'include').iterdir() if p.is_dir()]
-    include = [*(p for p in sources.iterdir() if p.is_dir()), PREFIX / 'include', sysconfig.get_paths()['include'], numpy, *headers]
+    include = [
+        *(p for p in sources.iterdir() if p.is_dir()),
+        PREFIX / 'include',
+        sysconfig.get_paths()['include'],
+        numpy,
+        *headers,
+    ]
     flags = ['-O0', '-fPIC', '-w', *(f'-I{path}' for path in include)]
     objects = []
     for suffix, compiler in (('c', ['gcc', '-std=c11']), ('cpp', ['g++', '-std=c++17'])):
@@ -151,5 +189,7 @@ def compiled(name: str, folder: Path, sources: Path) -> list[Path]:
         together.write_text(''.join(f'#include "{path}"\n' for path in found if path not in alone))
         for unit in [*([together] if found else []), *alone]:
             objects.append(unit.with_suffix(f'.{suffix}.o'))
-            subprocess.run([*compiler, *flags, '-c', unit, '-o', objects[-1]], check=True, capture_output=True, text=True)
+            subprocess.run(
+                [*compiler, *flags, '-c', unit, '-o', objects[-1]], check=True, capture_output=True, text=True
+            )
     return objects

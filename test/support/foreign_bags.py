@@ -1,4 +1,5 @@
-"""Recordings as others make them: times in bursts, of coarse clocks, backwards, twice; several publishers; every kind of file."""
+"""Recordings as others make them: times in bursts, of coarse clocks, backwards, twice; several publishers; every kind
+of file."""
 
 from __future__ import annotations
 
@@ -93,7 +94,9 @@ def write(place: Path, messages: Sequence[Message], kind: str = 'mcap') -> Path:
 def _write_db3(place: Path, messages: Sequence[Message], mode: str) -> Path:
     writer = Rosbag2Writer(place, version=8, storage_plugin=StoragePlugin.SQLITE3)
     if mode:
-        writer.set_compression({'file': CompressionMode.FILE, 'message': CompressionMode.MESSAGE}[mode], CompressionFormat.ZSTD)
+        writer.set_compression(
+            {'file': CompressionMode.FILE, 'message': CompressionMode.MESSAGE}[mode], CompressionFormat.ZSTD
+        )
     with writer:
         connections = {}
         for one in messages:
@@ -109,7 +112,9 @@ def random_messages(rng: np.random.Generator) -> list[Message]:
     for k in range(int(rng.integers(1, 5))):
         n = int(rng.integers(1, 60))
         true = DAY + np.arange(n) * 10 * MS
-        shape = rng.choice(['steady', 'bursts', 'quantised', 'reversed', 'doubled', 'overtaken', 'two clocks', 'constant', 'anew'])
+        shape = rng.choice(
+            ['steady', 'bursts', 'quantised', 'reversed', 'doubled', 'overtaken', 'two clocks', 'constant', 'anew']
+        )
         times = {
             'quantised': true // (40 * MS) * 40 * MS,
             'reversed': true[::-1],

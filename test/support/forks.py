@@ -1,11 +1,11 @@
 """Python programs as forks of a process that has imported what all of them do.
 
-A node that starts takes two seconds of a processor for imports and is then tested for one. Forked, it has them done; everything else is
-that of a process of its own: environment, directory, session, signals, threads, the end. What a start itself does is tested with
-processes that start (test/faults, test_packaging, toy_kernels).
+A node that starts takes two seconds of a processor for imports and is then tested for one. Forked, it has them done;
+everything else is that of a process of its own: environment, directory, session, signals, threads, the end. What a
+start itself does is tested with processes that start (test/faults, test_packaging, toy_kernels).
 
-The server has one thread and nothing open but its socket. Each request makes a keeper, which forks the program, tells its number, waits
-for it and tells how it ended.
+The server has one thread and nothing open but its socket. Each request makes a keeper, which forks the program, tells
+its number, waits for it and tells how it ended.
 """
 
 from __future__ import annotations
@@ -29,15 +29,21 @@ from typing import Any
 
 SUPPORT = Path(__file__).parent
 # Not rclpy: its libraries start threads, and a process with threads cannot be forked.
-IMPORTED = ('solver.simulation', 'solver.files.scene', 'solver.levels.road_wheel', 'mbd_sim_ros.bags.recorder', 'mbd_sim_ros.node.loop')
+IMPORTED = (
+    'solver.simulation',
+    'solver.files.scene',
+    'solver.levels.road_wheel',
+    'mbd_sim_ros.bags.recorder',
+    'mbd_sim_ros.node.loop',
+)
 LARGEST = 1 << 20  # bytes of a request
 
 _server: tuple[subprocess.Popen[bytes], socket.socket] | None = None
 
 
 class Fork:
-    """A program that runs, with what tests use of subprocess.Popen. words: what follows `python`: -m MODULE, -c PROGRAM or a file, and
-    arguments; output: a descriptor for all it writes."""
+    """A program that runs, with what tests use of subprocess.Popen. words: what follows `python`: -m MODULE, -c PROGRAM
+    or a file, and arguments; output: a descriptor for all it writes."""
 
     def __init__(self, words: Sequence[str], *, cwd: Path, env: Mapping[str, str], output: int) -> None:
         self.returncode: int | None = None
@@ -149,7 +155,11 @@ def _run(request: dict[str, Any], output: int) -> int:
     time.tzset()
     more = [path for path in os.environ.get('PYTHONPATH', '').split(':') if path and path not in sys.path]
     first, *rest = request['words']
-    sys.path[:] = [path for path in [*more, *sys.path] if path != str(SUPPORT) or path in os.environ.get('PYTHONPATH', '').split(':')]
+    sys.path[:] = [
+        path
+        for path in [*more, *sys.path]
+        if path != str(SUPPORT) or path in os.environ.get('PYTHONPATH', '').split(':')
+    ]
     try:
         _execute(first, rest)
         code = 0

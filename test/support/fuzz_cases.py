@@ -44,7 +44,8 @@ SHORT = ['--duration', '0.02']
 REQUIRES = (
     'require: {yaw_rate: {rms: 2 %, max: 0.1 rad/s}, energy_error_max: 1.0}\nbudget: {real_time_factor: 1.5}\n',
     'require: {accuracy: {lateral_acceleration: {max: 5 %, delay: 5 ms}}, allow_suspect: true}\n',
-    'require: {tire_load.front_left: {rms: 10 N}, position_drift_max: 1e-6, residual_max: 1e-3}\nswitches: {stops: off, drag: off}\n',
+    'require: {tire_load.front_left: {rms: 10 N}, position_drift_max: 1e-6, residual_max: 1e-3}\nswitches: {stops: '
+    'off, drag: off}\n',
 )
 MAPPING = """channels:
   imu/wz: {channel: imu/wz, unit: rad/s, sign: 1, offset: 0.0}
@@ -68,11 +69,21 @@ CARS_OF_PARTS: tuple[tuple[dict[str, Path], tuple[str, ...]], ...] = (
     ),
     ({'car': EXAMPLES / 'van.yaml'}, ('vehicle={car}',)),
     (
-        {'car': VEHICLES / 'compact_fwd.yaml', 'power': EXAMPLES / 'power.yaml', 'converter': EXAMPLES / 'converter.yaml'},
+        {
+            'car': VEHICLES / 'compact_fwd.yaml',
+            'power': EXAMPLES / 'power.yaml',
+            'converter': EXAMPLES / 'converter.yaml',
+        },
         ('vehicle={car}', 'vehicle.engine.power={power}', 'vehicle.engine.power.converter={converter}'),
     ),
-    ({'car': VEHICLES / 'full_car.yaml', 'power': EXAMPLES / 'power.yaml'}, ('vehicle={car}', 'vehicle.engine.power={power}')),
-    ({'car': VEHICLES / 'pickup_awd.yaml', 'box': EXAMPLES / 'steering_box.yaml'}, ('vehicle={car}', 'vehicle.steering={box}')),
+    (
+        {'car': VEHICLES / 'full_car.yaml', 'power': EXAMPLES / 'power.yaml'},
+        ('vehicle={car}', 'vehicle.engine.power={power}'),
+    ),
+    (
+        {'car': VEHICLES / 'pickup_awd.yaml', 'box': EXAMPLES / 'steering_box.yaml'},
+        ('vehicle={car}', 'vehicle.steering={box}'),
+    ),
     (
         {
             'car': VEHICLES / 'pickup_awd.yaml',
@@ -99,7 +110,8 @@ class Material:
 
 
 def make_material(directory: Path, loaded: Sequence[str] = EVERY) -> Material:
-    """Record them, and load what the cases need, kernels for the scenes `loaded` too: children of this process have it at once."""
+    """Record them, and load what the cases need, kernels for the scenes `loaded` too: children of this process have it
+    at once."""
     material = Material(crank=directory / 'crank', car=directory / 'car', csv=directory / 'csv')
     for place, scene in ((material.crank, 'slider_crank'), (material.car, 'light_car_lane_change')):
         if not (place / 'metadata.yaml').exists():
@@ -128,7 +140,8 @@ def _quiet(*words: object) -> int:
         return main([*map(str, words), '--json'])
 
 
-Made = tuple[list[str], Callable[[int, dict[str, Any]], str] | None]  # arguments of the command; what else must hold ('' or the fault)
+# arguments of the command; what else must hold ('' or the fault)
+Made = tuple[list[str], Callable[[int, dict[str, Any]], str] | None]
 
 
 def _scene_run(rng: np.random.Generator, file: str) -> list[str]:
@@ -162,7 +175,9 @@ def scenes(rng: np.random.Generator, at: Path, material: Material) -> Made:
     if mechanism.exists() and rng.random() < 0.7:
         damaged = damage_yaml(rng, mechanism.read_text())
         (at / 'mechanism.yaml').write_bytes(damaged)
-        text = '\n'.join('mechanism: mechanism.yaml' if line.startswith('mechanism:') else line for line in text.splitlines())
+        text = '\n'.join(
+            'mechanism: mechanism.yaml' if line.startswith('mechanism:') else line for line in text.splitlines()
+        )
         (at / 'scene.yaml').write_text(text)
     else:
         (at / 'scene.yaml').write_bytes(damage_yaml(rng, text))
@@ -178,8 +193,9 @@ def vehicles(rng: np.random.Generator, at: Path, material: Material) -> Made:
 
 
 def cars(rng: np.random.Generator, at: Path, material: Material) -> Made:
-    """Vehicles that are put together from parts, one part of them damaged, at rest and rolling. (Levels that are measured or identified
-    take longer than a case has, by right: they are runs and positions of the bench by the dozen.)"""
+    """Vehicles that are put together from parts, one part of them damaged, at rest and rolling. (Levels that are
+    measured or identified take longer than a case has, by right: they are runs and positions of the bench by the
+    dozen.)"""
     files, texts = CARS_OF_PARTS[int(rng.integers(len(CARS_OF_PARTS)))]
     broken = str(pick(rng, list(files)))
     (at / 'part.yaml').write_bytes(damage_yaml(rng, files[broken].read_text()))
@@ -190,7 +206,12 @@ def cars(rng: np.random.Generator, at: Path, material: Material) -> Made:
 
 def _driven(places: dict[str, str], texts: Sequence[str]) -> list[str]:
     """A run of a vehicle of CARS_OF_PARTS with its parts in these files."""
-    return ['run', 'car_step_steer', '--no-record', *(word for text in texts for word in ('--set', text.format(**places)))]
+    return [
+        'run',
+        'car_step_steer',
+        '--no-record',
+        *(word for text in texts for word in ('--set', text.format(**places))),
+    ]
 
 
 def tires(rng: np.random.Generator, at: Path, material: Material) -> Made:
@@ -200,7 +221,14 @@ def tires(rng: np.random.Generator, at: Path, material: Material) -> Made:
     side = pick(rng, ('front', 'rear'))
     if rng.random() < 0.2:
         return ['info', 'tire.tir'], None
-    return ['run', 'light_car_lane_change', *SHORT, '--no-record', '--set', f'vehicle.{side}.tire={at / "tire.tir"}'], None
+    return [
+        'run',
+        'light_car_lane_change',
+        *SHORT,
+        '--no-record',
+        '--set',
+        f'vehicle.{side}.tire={at / "tire.tir"}',
+    ], None
 
 
 def overrides(rng: np.random.Generator, at: Path, material: Material) -> Made:
@@ -214,7 +242,11 @@ def overrides(rng: np.random.Generator, at: Path, material: Material) -> Made:
     keys: list[str] = []
 
     def walk(node: Any, path: str) -> None:
-        entries = [] if isinstance(node.value, str) else [e if isinstance(e, tuple) else (k, e) for k, e in enumerate(node.value)]
+        entries = (
+            []
+            if isinstance(node.value, str)
+            else [e if isinstance(e, tuple) else (k, e) for k, e in enumerate(node.value)]
+        )
         for key, value in entries:
             here = f'{path}.{getattr(key, "value", key)}'.lstrip('.')
             keys.append(here)
@@ -384,12 +416,18 @@ def bags(rng: np.random.Generator, at: Path, material: Material) -> Made:
 def commands(rng: np.random.Generator, at: Path, material: Material) -> Made:
     """Command lines made of words of command lines."""
     vocabulary = (
-        'run', 'info', 'export', 'compare', 'recover', 'replay', 'view', 'evaluate', 'maneuver', 'sweep', 'plan', 'bench', 'study',
-        'slider_crank', 'light_car_straight', str(material.car), str(material.crank), str(material.csv), '--set', '--out', '--no-record',
-        '--duration', '0.01', '--csv', '--parquet', '--channel', 'odom/*', '--rtol', '--atol', '--exact', '--map', 'a=b', 'imu/wz=imu/wz',
-        '--mapping', '--tolerances', '--urdf', '--resolved', '--brief', '--balance', '--maneuver', 'brake', '--at', '--rate', '--width',
-        '1e9', '--as', 'iso7401_step', '--list', '--strict', '--with', 'speed=1', '--vehicle', 'light_car', 'out', '/dev/null', '/dev/full',
-        '/proc/none', '--', '--json', '--html', 'page.html', '--plot', 'p.png', '--offset', '--speed', '0', '\udcff', 'a\0b',
+        'run', 'info', 'export', 'compare', 'recover', 'replay', 'view', 'evaluate', 'maneuver', 'sweep', 'plan',
+        'bench', 'study',
+        'slider_crank', 'light_car_straight', str(material.car), str(material.crank), str(material.csv), '--set',
+        '--out', '--no-record',
+        '--duration', '0.01', '--csv', '--parquet', '--channel', 'odom/*', '--rtol', '--atol', '--exact', '--map',
+        'a=b', 'imu/wz=imu/wz',
+        '--mapping', '--tolerances', '--urdf', '--resolved', '--brief', '--balance', '--maneuver', 'brake', '--at',
+        '--rate', '--width',
+        '1e9', '--as', 'iso7401_step', '--list', '--strict', '--with', 'speed=1', '--vehicle', 'light_car', 'out',
+        '/dev/null', '/dev/full',
+        '/proc/none', '--', '--json', '--html', 'page.html', '--plot', 'p.png', '--offset', '--speed', '0', '\udcff',
+        'a\0b',
     )  # fmt: skip
     first = str(pick(rng, ('run', 'info', 'export', 'compare', 'recover', 'replay', 'view', 'evaluate', 'maneuver')))
     rest = [str(pick(rng, vocabulary)) if rng.random() < 0.9 else word(rng) for _ in range(int(rng.integers(0, 6)))]

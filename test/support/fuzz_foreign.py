@@ -25,7 +25,8 @@ def _command(rng: np.random.Generator, file: str) -> list[str]:
 
 
 def databases(rng: np.random.Generator, at: Path, material: object) -> tuple[list[str], None]:
-    """Recordings in SQLite, whole or packed in either way, with and without what is beside them. There is no checksum in one."""
+    """Recordings in SQLite, whole or packed in either way, with and without what is beside them. There is no checksum
+    in one."""
     import foreign_bags as others
 
     kind = str(pick(rng, ('db3', 'db3', 'db3 file', 'db3 message')))
@@ -50,7 +51,12 @@ def logs(rng: np.random.Generator, at: Path, material: object) -> tuple[list[str
     from asammdf import MDF, Signal
 
     t = np.arange(200) * 0.01
-    named = {'steer/data': 0.1 * np.sin(t), 'imu/vector/z': 0.2 * np.sin(t), 'speed': 10.0 + t, 'gear': np.ones(200, np.uint8)}
+    named = {
+        'steer/data': 0.1 * np.sin(t),
+        'imu/vector/z': 0.2 * np.sin(t),
+        'speed': 10.0 + t,
+        'gear': np.ones(200, np.uint8),
+    }
     with MDF(version='4.10') as mdf:
         mdf.append([Signal(values, t, name=name, unit='') for name, values in named.items()])
         mdf.save(at / 'good.mf4', overwrite=True)

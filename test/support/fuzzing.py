@@ -63,7 +63,13 @@ def run_case(kind: str, seed: int, case: int, directory: Path, material: Materia
     held = (directory / 'held').read_text() if (directory / 'held').exists() else 'it did not end'
     fault = _fault(code, said, complained, held, seconds, megabytes)
     return Verdict(
-        kind=kind, case=case, code=code, fault=fault, said=(said + complained)[-600:], seconds=round(seconds, 3), megabytes=megabytes
+        kind=kind,
+        case=case,
+        code=code,
+        fault=fault,
+        said=(said + complained)[-600:],
+        seconds=round(seconds, 3),
+        megabytes=megabytes,
     )
 
 
@@ -129,7 +135,8 @@ def _inside(kind: str, seed: int, case: int, directory: Path, material: Material
 
 
 def _short(arguments: list[str]) -> list[str]:
-    """A run that is asked for more than MOST_WORK passes over its model is looked at, not run: that takes long by right."""
+    """A run that is asked for more than MOST_WORK passes over its model is looked at, not run: that takes long by
+    right."""
     if arguments[:1] != ['run'] or '--duration' not in arguments:
         return arguments
     from solver.files.scene import find_file, load_scene

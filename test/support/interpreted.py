@@ -1,8 +1,8 @@
 """A kernel as plain Python, with all that it calls.
 
-Complex numbers go through kernels in tests only, where they give derivatives by the complex step. Compiled for them once more, a tire
-took forty seconds of a processor and ran for a hundredth of one; interpreted it runs for tenths of a second. What is compiled stays
-what models run, and is compared with what its source says.
+Complex numbers go through kernels in tests only, where they give derivatives by the complex step. Compiled for them
+once more, a tire took forty seconds of a processor and ran for a hundredth of one; interpreted it runs for tenths of a
+second. What is compiled stays what models run, and is compared with what its source says.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from solver.compiled.kernel import sixes
 
 INTRINSICS: dict[str, Callable[..., Any]] = {
     sixes.__name__: lambda array: array,
-    matrix_at.__name__: lambda numbers, start, rows, columns: numbers[start : start + rows * columns].reshape(rows, columns),
+    matrix_at.__name__: lambda numbers, start, rows, columns: numbers[start : start + rows * columns].reshape(
+        rows, columns
+    ),
 }
 
 _MADE: dict[types.FunctionType, types.FunctionType] = {}
@@ -30,13 +32,17 @@ def interpreted(kernel: Any) -> Any:
     function: types.FunctionType = kernel.py_func if isinstance(kernel, Dispatcher) else kernel
     if function not in _MADE:
         names: dict[str, Any] = dict(function.__globals__)
-        made = types.FunctionType(function.__code__, names, function.__name__, function.__defaults__, function.__closure__)
+        made = types.FunctionType(
+            function.__code__, names, function.__name__, function.__defaults__, function.__closure__
+        )
         _MADE[function] = made  # before what it calls, which may call it
         for name in _names(function.__code__):
             called = names.get(name)
             if isinstance(called, _Intrinsic):
                 names[name] = INTRINSICS[called.__name__]
-            elif isinstance(called, Dispatcher) or (isinstance(called, types.FunctionType) and called.__module__.startswith('solver.')):
+            elif isinstance(called, Dispatcher) or (
+                isinstance(called, types.FunctionType) and called.__module__.startswith('solver.')
+            ):
                 names[name] = interpreted(called)
     return _MADE[function]
 

@@ -1,4 +1,5 @@
-"""Cars on live axles with ideal joints, as a user would write their files: an off-roader with both axles driven, and a truck on three."""
+"""Cars on live axles with ideal joints, as a user would write their files: an off-roader with both axles driven, and a
+truck on three."""
 
 from __future__ import annotations
 
@@ -16,13 +17,15 @@ from solver.simulation import Simulation
 
 EXAMPLES = Path(__file__).parents[2] / 'docs' / 'examples'
 AXLE, BOX, POWER = (
-    yaml.safe_load((EXAMPLES / f'{name}.yaml').read_text(encoding='utf-8')) for name in ('steered_live_axle', 'drag_link_steering', 'power')
+    yaml.safe_load((EXAMPLES / f'{name}.yaml').read_text(encoding='utf-8'))
+    for name in ('steered_live_axle', 'drag_link_steering', 'power')
 )
 PLACES = ('center', 'com', 'inner', 'outer', 'chassis', 'axle', 'damper_chassis', 'damper_axle')
 RATIO, STIFFNESS, DAMPING = 3.7, 22000.0, 60.0  # of a final drive: [-], [N m/rad], [N m s/rad]
 GEARS = (3.73, 1.96, 1.32, 0.95, 0.76)  # of power.yaml
 SHAFT, PINION = {'mass': 6.0, 'radius': 0.04}, {'mass': 2.0, 'radius': 0.028}
-SPINNING = sum(0.5 * one['mass'] * one['radius'] ** 2 for one in (SHAFT, PINION))  # inertia of both about the shaft [kg m^2]
+# inertia of both about the shaft [kg m^2]
+SPINNING = sum(0.5 * one['mass'] * one['radius'] ** 2 for one in (SHAFT, PINION))
 FLANGE = 0.31  # of a drive pinion before its axle [m]
 LOADS = {2: (4040.0, 3410.0), 3: (4500.0, 3700.0, 3700.0)}  # of the springs of two and of three axles [N]
 
@@ -31,20 +34,24 @@ def moved(value: Any, back: float) -> Any:
     """A part of a file with all its points `back` [m] behind where they were."""
     if isinstance(value, dict):
         shift = [back, 0.0, 0.0]
-        return {key: np.subtract(one, shift).tolist() if key in PLACES else moved(one, back) for key, one in value.items()}
+        return {
+            key: np.subtract(one, shift).tolist() if key in PLACES else moved(one, back) for key, one in value.items()
+        }
     return value
 
 
 def shaft(begin: list[float], end: list[float], **more: Any) -> dict[str, Any]:
     """The drive of a live axle by a propeller shaft of one part."""
     return {
-        'kind': 'live_axle', 'ratio': RATIO, 'stiffness': STIFFNESS, 'damping': DAMPING, 'engine_flange': begin, 'pinion_flange': end,
+        'kind': 'live_axle', 'ratio': RATIO, 'stiffness': STIFFNESS, 'damping': DAMPING, 'engine_flange': begin,
+        'pinion_flange': end,
         'propshaft_front': SHAFT, 'pinion': PINION, **more,
     }  # fmt: skip
 
 
 def car(at: dict[str, float], drives: dict[str, Any], mass: float, *, power: bool, **more: Any) -> dict[str, Any]:
-    """A car on live axles `at` their x [m], the first one steered. power: engine map, clutch and gearbox in front of the drives."""
+    """A car on live axles `at` their x [m], the first one steered. power: engine map, clutch and gearbox in front of
+    the drives."""
     axles = {}
     for k, (name, x) in enumerate(at.items()):
         suspension = moved(deepcopy(AXLE), 1.6 - x)
@@ -54,7 +61,8 @@ def car(at: dict[str, float], drives: dict[str, Any], mass: float, *, power: boo
             suspension.pop('kingpins')
         axles[name] = {'suspension': suspension} | ({'drive': drives[name]} if name in drives else {})
     engine: dict[str, Any] = {
-        'part': {'mass': 200, 'com': [0.7, 0.0, 0.6], 'inertia': [10, 15, 14]}, 'mounts': {'middle': {'point': [0.7, 0.0, 0.5]}},
+        'part': {'mass': 200, 'com': [0.7, 0.0, 0.6], 'inertia': [10, 15, 14]},
+        'mounts': {'middle': {'point': [0.7, 0.0, 0.5]}},
     }  # fmt: skip
     if power:
         engine['power'] = deepcopy(POWER) | {'final': 1.0}
@@ -73,7 +81,8 @@ def off_roader(*, power: bool = False, shares: tuple[float, float] = (0.5, 0.5),
 
 
 def truck(*, power: bool = True, **more: Any) -> dict[str, Any]:
-    """Six by four: a steered front axle, and two driven axles behind, the last one by a shaft through the one before it."""
+    """Six by four: a steered front axle, and two driven axles behind, the last one by a shaft through the one before
+    it."""
     drives = {
         'middle': shaft([0.30, 0.0, 0.50], [FLANGE - 1.2, 0.0, 0.42], share=0.5),
         'rear': shaft([-1.45, 0.0, 0.42], [FLANGE - 2.4, 0.0, 0.42], share=0.5, through='middle'),
@@ -92,7 +101,9 @@ def forces(simulation: Simulation, kind: str = 'coordinate_forces') -> dict[str,
     elements = getattr(simulation.model.spec, kind)
     rows = simulation.model.outputs(kind, simulation.outputs)
     columns = FORCE_BY_NAME[kind].outputs
-    return {element.name: dict(zip(columns, row.tolist(), strict=True)) for element, row in zip(elements, rows, strict=True)}
+    return {
+        element.name: dict(zip(columns, row.tolist(), strict=True)) for element, row in zip(elements, rows, strict=True)
+    }
 
 
 def rates(simulation: Simulation) -> dict[str, float]:

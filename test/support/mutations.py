@@ -15,13 +15,20 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 TEXT = 'tag:yaml.org,2002:str'
 WORDS = (
-    '0', '-0', '-1', '1', '2', '1e300', '-1e300', '1e-300', '1e308', '5e-324', '1e7', '1000000', '2147483648', '18446744073709551616',
-    '9' * 40, '9' * 5000, '0.1', '1e-3', '.nan', '.inf', '-.inf', 'nan', 'inf', 'true', 'false', 'yes', 'no', 'null', '~', '""', "''", '',
-    'abc', 'name', 'world', 'W', 'chassis', '[]', '{}', '[1, 2]', '[1, 2, 3]', '[0, 0, 0]', '[[]]', '[nan, 0, 0]', '{a: 1}', '{kind: {}}',
-    '{kind: table}', '&a [*a]', '*b', '&c 1', '!!python/name:os.system', '!odd 1', '1 %', '2 m', '-3 deg', '5 ms', '1 %%', 'ä\u2028b',
-    '\x00', '\t', '- 1', ': 1', 'x.yaml', '../../x.yaml', '/dev/zero', '/proc/self/mem', '/etc/passwd', 'scene.yaml', 'a.tir', 'x' * 5000,
-    '0x10', '0o7', '1_000', '1:30', '2001-01-01', '%', '|', '>', '@', '`', '?', '<<: {a: 1}', '[' * 200, '{a: ' * 200, '1.', '.5', '+1',
-    '\ud7ff', '\U0001f600', 'step_steer', 'full', 'off', 'on', 'auto', 'kc', 'single_track', 'condensed', 'rk4', 'radau',
+    '0', '-0', '-1', '1', '2', '1e300', '-1e300', '1e-300', '1e308', '5e-324', '1e7', '1000000', '2147483648',
+    '18446744073709551616',
+    '9' * 40, '9' * 5000, '0.1', '1e-3', '.nan', '.inf', '-.inf', 'nan', 'inf', 'true', 'false', 'yes', 'no', 'null',
+    '~', '""', "''", '',
+    'abc', 'name', 'world', 'W', 'chassis', '[]', '{}', '[1, '
+        '2]', '[1, 2, 3]', '[0, 0, 0]', '[[]]', '[nan, 0, 0]', '{a: 1}', '{kind: {}}',
+    '{kind: table}', '&a [*a]', '*b', '&c 1', '!!python/name:os.system', '!odd '
+        '1', '1 %', '2 m', '-3 deg', '5 ms', '1 %%', 'ä\u2028b',
+    '\x00', '\t', '- 1', ': 1', 'x.yaml', '../../x.yaml', '/dev/zero', '/proc/self/mem', '/etc/passwd', 'scene.yaml',
+    'a.tir', 'x' * 5000,
+    '0x10', '0o7', '1_000', '1:30', '2001-01-01', '%', '|', '>', '@', '`', '?', '<<: {a: '
+        '1}', '[' * 200, '{a: ' * 200, '1.', '.5', '+1',
+    '\ud7ff', '\U0001f600', 'step_steer', 'full', 'off', 'on', 'auto', 'kc', 'single_track', 'condensed', 'rk4',
+    'radau',
 )  # fmt: skip
 
 
@@ -41,7 +48,11 @@ def word(rng: np.random.Generator, text: str = '') -> str:
         return str(pick(rng, WORDS))
     if kind < 0.6:
         return repr(-number)
-    return repr(number * 10.0 ** float(rng.integers(-6, 7))) if kind < 0.8 else repr(number * (1.0 + 0.5 * float(rng.standard_normal())))
+    return (
+        repr(number * 10.0 ** float(rng.integers(-6, 7)))
+        if kind < 0.8
+        else repr(number * (1.0 + 0.5 * float(rng.standard_normal())))
+    )
 
 
 def damage_bytes(rng: np.random.Generator, data: bytes) -> bytes:
@@ -149,7 +160,10 @@ def _change(rng: np.random.Generator, root: Node, places: list[tuple[Node, int]]
     elif kind == 5:
         node.value.insert(int(rng.integers(len(node.value) + 1)), copy.deepcopy(node.value[k]))
     elif kind == 6 and not sequence:
-        node.value[k] = (ScalarNode(TEXT, str(pick(rng, ('', 'x', 'name', 'kind', 'i', 'toe_deg', 'mass', '0', 'a.b', 'record')))), item)
+        node.value[k] = (
+            ScalarNode(TEXT, str(pick(rng, ('', 'x', 'name', 'kind', 'i', 'toe_deg', 'mass', '0', 'a.b', 'record')))),
+            item,
+        )
     elif kind == 7:
         other, j = places[int(rng.integers(len(places)))]
         put(copy.deepcopy(other.value[j] if isinstance(other, SequenceNode) else other.value[j][1]))
@@ -188,7 +202,8 @@ def damage_text(rng: np.random.Generator, text: str) -> bytes:
 
 
 def damage_bag(rng: np.random.Generator, file: Path) -> bytes:
-    """A recording with damaged bytes; or written anew, all checksums right, with damaged messages, definitions, names or times."""
+    """A recording with damaged bytes; or written anew, all checksums right, with damaged messages, definitions, names
+    or times."""
     if rng.random() < 0.5:
         return damage_bytes(rng, file.read_bytes())
     import io
@@ -198,7 +213,9 @@ def damage_bag(rng: np.random.Generator, file: Path) -> bytes:
 
     with file.open('rb') as stream:
         reader = make_reader(stream)
-        records = [(schema, channel, message) for schema, channel, message in reader.iter_messages() if schema is not None]
+        records = [
+            (schema, channel, message) for schema, channel, message in reader.iter_messages() if schema is not None
+        ]
         metadata = [(record.name, dict(record.metadata)) for record in reader.iter_metadata()]
     out = io.BytesIO()
     writer = Writer(out)
@@ -207,7 +224,9 @@ def damage_bag(rng: np.random.Generator, file: Path) -> bytes:
     for name, record in metadata:
         if what == 0 and record:
             key = str(pick(rng, list(record)))
-            record[key] = str(rng.choice(np.array([word(rng), damage_bytes(rng, record[key].encode()).decode('utf-8', 'replace')])))
+            record[key] = str(
+                rng.choice(np.array([word(rng), damage_bytes(rng, record[key].encode()).decode('utf-8', 'replace')]))
+            )
         writer.add_metadata(name, record)
     schemas: dict[int, int] = {}
     channels: dict[int, int] = {}

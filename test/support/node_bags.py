@@ -1,4 +1,5 @@
-"""Recordings as `ros2 bag record` makes them of our node: log times of the wall clock, stamps in simulation time, no metadata of ours."""
+"""Recordings as `ros2 bag record` makes them of our node: log times of the wall clock, stamps in simulation time, no
+metadata of ours."""
 
 from __future__ import annotations
 
@@ -28,9 +29,9 @@ def node_messages(
     told: bool = True,
     drive: Callable[[Any], None] | None = None,
 ) -> list[Message]:
-    """What a node that runs a scene publishes up to a step, recorded from step `begin` on, in order. every: topic -> steps between its
-    messages. repeats: times that the first state is published again before the next, all bodies too, as a paused node does. told: the
-    scene is recorded too. drive: called with the simulation before its first step."""
+    """What a node that runs a scene publishes up to a step, recorded from step `begin` on, in order. every: topic ->
+    steps between its messages. repeats: times that the first state is published again before the next, all bodies too,
+    as a paused node does. told: the scene is recorded too. drive: called with the simulation before its first step."""
     loaded = load_published(scene, overrides)
     simulation = simulation_of(loaded)
     if drive is not None:

@@ -31,7 +31,8 @@ def opened(tmp_path, monkeypatch):
 
     def opened(**parameters: object) -> Simulator:
         close()
-        parameters = {'realtime_priority': 0, **parameters}  # or this process, and those that its tests start, had it ever after
+        # or this process, and those that its tests start, had it ever after
+        parameters = {'realtime_priority': 0, **parameters}
         given = [text for name, value in parameters.items() for text in ('-p', f'{name}:={json.dumps(value)}')]
         rclpy.init(args=['--ros-args', *given], domain_id=int(DOMAIN))
         nodes.append(Simulator(lambda name, overrides: (scene(name=name), Synthetic())))
@@ -46,7 +47,9 @@ def opened(tmp_path, monkeypatch):
 @pytest.fixture
 def sent(monkeypatch):
     """(topic, message) of everything that is published in this process."""
-    publisher = pytest.importorskip('rclpy.publisher', reason='needs ROS: source Jazzy, or pip install .[ros]').Publisher
+    publisher = pytest.importorskip(
+        'rclpy.publisher', reason='needs ROS: source Jazzy, or pip install .[ros]'
+    ).Publisher
     found: list[tuple[str, object]] = []
     plain = publisher.publish
 

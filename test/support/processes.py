@@ -16,8 +16,8 @@ from forks import Fork
 ROOT = Path(__file__).parents[2]
 DOMAIN = str(60 + os.getpid() % 40)  # one per test run, so that two runs on a machine do not hear each other
 
-# The real node with a stand-in for scene and simulation; argv[1]: keyword arguments of the stand-in, argv[2]: seconds of preparation, which
-# of the scene `slow` is a minute.
+# The real node with a stand-in for scene and simulation; argv[1]: keyword arguments of the stand-in, argv[2]: seconds
+# of preparation, which of the scene `slow` is a minute.
 SCRIPT = """
 import json, sys, time
 import synthetic
@@ -35,10 +35,12 @@ sys.exit(node.main(sys.argv[3:]))
 
 
 class Process:
-    """A node process; its output is collected while it runs. command: python and its arguments; path: of further packages; forked: not one
-    that starts from nothing, and has the limits of this process."""
+    """A node process; its output is collected while it runs. command: python and its arguments; path: of further
+    packages; forked: not one that starts from nothing, and has the limits of this process."""
 
-    def __init__(self, directory: Path, command: list[str], domain: str = DOMAIN, path: str = '', *, forked: bool = True) -> None:
+    def __init__(
+        self, directory: Path, command: list[str], domain: str = DOMAIN, path: str = '', *, forked: bool = True
+    ) -> None:
         environment = {
             **os.environ,
             'PYTHONPATH': f'{ROOT}:{Path(__file__).parent}' + (f':{path}' if path else ''),
@@ -51,7 +53,9 @@ class Process:
         if forked:
             self.process = Fork(command[1:], cwd=directory, env=environment, output=output)
         else:
-            self.process = subprocess.Popen(command, cwd=directory, env=environment, stdout=output, stderr=output, start_new_session=True)
+            self.process = subprocess.Popen(
+                command, cwd=directory, env=environment, stdout=output, stderr=output, start_new_session=True
+            )
         os.close(output)
         self.output = ''
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -86,7 +90,13 @@ def start(tmp_path):
     started = []
 
     def start(
-        parameters: dict | None = None, *, preparing: float = 0.0, domain: str = DOMAIN, path: str = '', forked: bool = True, **simulation
+        parameters: dict | None = None,
+        *,
+        preparing: float = 0.0,
+        domain: str = DOMAIN,
+        path: str = '',
+        forked: bool = True,
+        **simulation,
     ) -> Process:
         values = {'scene': 'synthetic', **(parameters or {})}
         arguments = [text for name, value in values.items() for text in ('-p', f'{name}:={json.dumps(value)}')]

@@ -15,7 +15,8 @@ RECIPE = ROOT / 'test' / 'data' / 'recipe'  # the files of docs/contributing.md
 def copied_program(directory: Path) -> Path:
     """Both packages, the data and the settings of the tools, copied into a directory; returns it."""
     for package in ('solver', 'mbd_sim_ros', 'config'):
-        shutil.copytree(ROOT / package, directory / package)  # with times and byte code, which holds for what is not changed
+        # with times and byte code, which holds for what is not changed
+        shutil.copytree(ROOT / package, directory / package)
     shutil.copy(ROOT / 'pyproject.toml', directory)
     return directory
 
@@ -28,9 +29,12 @@ def changed(file: Path, was: str, becomes: str) -> None:
 
 
 def run_there(directory: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run Python with the packages of a directory, in it. Options of the tests that are running, as colcon has them, are not its own."""
+    """Run Python with the packages of a directory, in it. Options of the tests that are running, as colcon has them,
+    are not its own."""
     own = {**os.environ, 'PYTHONPATH': str(directory), 'PYTEST_ADDOPTS': '', **environment}
-    return subprocess.run([sys.executable, *arguments], cwd=directory, env=own, capture_output=True, text=True, timeout=300, check=False)
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=directory, env=own, capture_output=True, text=True, timeout=300, check=False
+    )
 
 
 def mbd(directory: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:

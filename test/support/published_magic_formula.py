@@ -1,9 +1,10 @@
-"""The Magic Formula as published, in plain numpy and independent of the program: forces and moments of a tire at given slip and load.
+"""The Magic Formula as published, in plain numpy and independent of the program: forces and moments of a tire at given
+slip and load.
 
-6.1 and 6.2: [Pacejka2012] (4.E1) to (4.E78) and, for pressure, [Besselink2010] (A1) to (A63); 6.2 differs from 6.1 in the load only.
-5.2: MF-Tyre 5.2 user manual (TNO 2001), as the PAC2002 pages of the Adams/Tire manual print it; pressure terms of PAC2002.
-Axes of the .tir files (ISO-W). Coefficients are read by name, absent ones are 0 (scale factors 1). No rounding of any kind: |x| and
-sign(x) are those of numpy.
+6.1 and 6.2: [Pacejka2012] (4.E1) to (4.E78) and, for pressure, [Besselink2010] (A1) to (A63); 6.2 differs from 6.1 in
+the load only. 5.2: MF-Tyre 5.2 user manual (TNO 2001), as the PAC2002 pages of the Adams/Tire manual print it; pressure
+terms of PAC2002. Axes of the .tir files (ISO-W). Coefficients are read by name, absent ones are 0 (scale factors 1). No
+rounding of any kind: |x| and sign(x) are those of numpy.
 """
 
 from __future__ import annotations
@@ -113,7 +114,13 @@ def forces(values: Mapping[str, float], version: int, state: State) -> dict[str,
 
     # overturning couple: (4.E69)
     bump = p.QSX4 * cos(p.QSX5 * arctan(p.QSX6 * Fz / Fz0) ** 2) * sin(p.QSX7 * g + p.QSX8 * arctan(p.QSX9 * Fy / Fz0))
-    Mx = p.QSX1 * p.LVMX - p.QSX2 * (1.0 + p.PPMX1 * dpi) * g + p.QSX3 * Fy / Fz0 + bump + p.QSX10 * arctan(p.QSX11 * Fz / Fz0) * g
+    Mx = (
+        p.QSX1 * p.LVMX
+        - p.QSX2 * (1.0 + p.PPMX1 * dpi) * g
+        + p.QSX3 * Fy / Fz0
+        + bump
+        + p.QSX10 * arctan(p.QSX11 * Fz / Fz0) * g
+    )
     Mx = R0 * p.LMX * (Fz * Mx + Fy * (p.QSX13 + p.QSX14 * abs(g)) - Fz * p.QSX12 * g * abs(g))
 
     # rolling resistance, forward: (4.E70) with load and pressure of [Besselink2010] (A48)
@@ -126,7 +133,9 @@ def forces(values: Mapping[str, float], version: int, state: State) -> dict[str,
     Bt = (p.QBZ1 + p.QBZ2 * dfz + p.QBZ3 * dfz**2) * (1.0 + p.QBZ4 * gz + p.QBZ5 * abs(gz)) * p.LKY / p.LMUY
     lean = 1.0 + p.QDZ3 * (abs(gz) if new else gz) + p.QDZ4 * gz**2
     Dt = Fz * (p.QDZ1 + p.QDZ2 * dfz) * (1.0 - p.PPZ1 * dpi) * lean * (R0 / (Fz0s if new else Fz0)) * p.LTR
-    Et = (p.QEZ1 + p.QEZ2 * dfz + p.QEZ3 * dfz**2) * (1.0 + (p.QEZ4 + p.QEZ5 * gz) * 2.0 / np.pi * arctan(Bt * p.QCZ1 * at))
+    Et = (p.QEZ1 + p.QEZ2 * dfz + p.QEZ3 * dfz**2) * (
+        1.0 + (p.QEZ4 + p.QEZ5 * gz) * 2.0 / np.pi * arctan(Bt * p.QCZ1 * at)
+    )
     ar = a + SHf
     Br = p.QBZ9 * p.LKY / p.LMUY + p.QBZ10 * ByCy
     by_camber = ((p.QDZ8 + p.QDZ9 * dfz) * (1.0 + p.PPZ2 * dpi) + (p.QDZ10 + p.QDZ11 * dfz) * abs(gz)) * gz * LKZC

@@ -17,7 +17,9 @@ def simulator(tmp_path):
 
     def simulator(path: str = '', **parameters: object) -> Process:
         arguments = [text for name, value in parameters.items() for text in ('-p', f'{name}:={json.dumps(value)}')]
-        started.append(Process(tmp_path, [sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', *arguments], path=path))
+        started.append(
+            Process(tmp_path, [sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', *arguments], path=path)
+        )
         return started[-1]
 
     yield simulator

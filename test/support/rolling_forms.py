@@ -1,12 +1,16 @@
-"""Motions under nonholonomic constraints, in closed form or from the equations in minimal coordinates (see closed_forms.py).
+"""Motions under nonholonomic constraints, in closed form or from the equations in minimal coordinates (see
+closed_forms.py).
 
-The disc: e1 horizontal in its plane, e3 its axis, e2 = e3 x e1 from the contact to the centre; T the angle of e3 from the vertical, W
-the rate of precession of e1, p = W sin T, w3 the spin along e3. With angular momentum A T' e1 + A p e2 + C w3 e3 about the centre and the
+The disc: e1 horizontal in its plane, e3 its axis, e2 = e3 x e1 from the contact to the centre; T the angle of e3 from
+the vertical, W
+the rate of precession of e1, p = W sin T, w3 the spin along e3. With angular momentum A T' e1 + A p e2 + C w3 e3 about
+the centre and the
 centre at r e2 from a contact point at rest, Euler's equations are
     (A + m r^2) T'' = -p ((C + m r^2) w3 - A W cos T) - m g r cos T
     A p' = T' (C w3 - A W cos T)
     (C + m r^2) w3' = m r^2 T' p
-The last two are linear in (p, w3) with T as the variable: their solution is a fundamental matrix times two constants of the motion.
+The last two are linear in (p, w3) with T as the variable: their solution is a fundamental matrix times two constants of
+the motion.
 """
 
 from __future__ import annotations
@@ -20,7 +24,9 @@ from scipy.integrate import solve_ivp
 MASS, RADIUS = 2.0, 0.5
 ACROSS, ALONG, ROLL = MASS * RADIUS**2 / 4, MASS * RADIUS**2 / 2, MASS * RADIUS**2
 TILT, NOD, PRECESSION = np.deg2rad(70.0), 0.8, 1.5
-STEADY_SPIN = (-MASS * G * RADIUS * np.cos(TILT) / (PRECESSION * np.sin(TILT)) + ACROSS * PRECESSION * np.cos(TILT)) / (ALONG + ROLL)
+STEADY_SPIN = (-MASS * G * RADIUS * np.cos(TILT) / (PRECESSION * np.sin(TILT)) + ACROSS * PRECESSION * np.cos(TILT)) / (
+    ALONG + ROLL
+)
 
 
 def spin_slopes(T: float, p: float, w3: float) -> tuple[float, float]:
@@ -50,10 +56,14 @@ def rolling_disc(duration: float, nod: float = NOD) -> Problem:
         frame, spun = turned('z', azimuth) @ turned('x', T), turned('z', own)
         v = RADIUS * frame @ [-w3, 0.0, nodding]
         W = rates[2]
-        force = MASS * RADIUS * np.array([-rates[4] + nodding * p, -(nodding**2) - w3 * W * np.cos(T), rates[1] + w3 * p])
+        force = (
+            MASS * RADIUS * np.array([-rates[4] + nodding * p, -(nodding**2) - w3 * W * np.cos(T), rates[1] + w3 * p])
+        )
         fx, fy, fz = frame @ force + [0.0, 0.0, MASS * G]
         w = spun.T @ [nodding, p, w3]
-        return Motion(np.array([[px, py, RADIUS * np.sin(T)]]), (frame @ spun)[None], v[None], w[None], np.array([fz, fx, fy]))
+        return Motion(
+            np.array([[px, py, RADIUS * np.sin(T)]]), (frame @ spun)[None], v[None], w[None], np.array([fz, fx, fy])
+        )
 
     changes = f'[{nod}, {PRECESSION * np.sin(TILT)}, {STEADY_SPIN}]'
     return Problem(
@@ -75,20 +85,24 @@ mechanism:
 
 
 def knife_edge() -> Problem:
-    """Plate on a blade under its centre of mass, on an incline, turning: speed (g'/w) sin(w t), a cycloid; blade force 2 m g' sin(w t)."""
+    """Plate on a blade under its centre of mass, on an incline, turning: speed (g'/w) sin(w t), a cycloid; blade force
+    2 m g' sin(w t)."""
     w, along, normal = 2.0, 4.905, 8.495709211125343
 
     def exact(t):
         s, c = np.sin(w * t), np.cos(w * t)
         p = along / (2 * w * w) * np.array([[s * s, w * t - s * c, 0.0]])
         v = along / w * s * np.array([[c, s, 0.0]])
-        return Motion(p, turned('z', w * t)[None], v, np.array([[0, 0, w]]), np.array([normal, 0.0, 0.0, 2 * along * s]))
+        return Motion(
+            p, turned('z', w * t)[None], v, np.array([[0, 0, w]]), np.array([normal, 0.0, 0.0, 2 * along * s])
+        )
 
     return Problem('mechanism: mechanisms/knife_edge.yaml', exact)
 
 
 def chaplygin_sleigh(duration: float) -> Problem:
-    """Sleigh with its centre of mass a ahead of the blade: v = V tanh(k t + c), w = sqrt(2 E/K) / cosh(k t + c), k = a m V / K."""
+    """Sleigh with its centre of mass a ahead of the blade: v = V tanh(k t + c), w = sqrt(2 E/K) / cosh(k t + c), k = a
+    m V / K."""
     m, a, inertia, v0, w0 = 2.0, 0.3, 0.08, -0.4, 3.0
     K = inertia + m * a * a
     E = 0.5 * (m * v0**2 + K * w0**2)
@@ -108,7 +122,11 @@ def chaplygin_sleigh(duration: float) -> Problem:
         blade = m * (v * w + a * (-m * a * v * w / K))
         R = turned('z', heading(t))
         return Motion(
-            np.array([[*path()(t), 0.0]]), R[None], (R @ [v, 0, 0])[None], np.array([[0, 0, w]]), np.array([m * G, a * m * G, 0.0, blade])
+            np.array([[*path()(t), 0.0]]),
+            R[None],
+            (R @ [v, 0, 0])[None],
+            np.array([[0, 0, w]]),
+            np.array([m * G, a * m * G, 0.0, blade]),
         )
 
     return Problem('mechanism: mechanisms/chaplygin_sleigh.yaml', exact)

@@ -28,7 +28,9 @@ def without_bushings(data):
     if isinstance(data, Bushing):
         return None
     if dataclasses.is_dataclass(data) and not isinstance(data, type):
-        changes = {f.name: without_bushings(getattr(data, f.name)) for f in dataclasses.fields(data) if f.name != 'tire'}
+        changes = {
+            f.name: without_bushings(getattr(data, f.name)) for f in dataclasses.fields(data) if f.name != 'tire'
+        }
         return dataclasses.replace(data, **changes)
     if isinstance(data, dict):
         return {key: without_bushings(value) for key, value in data.items()}
@@ -38,17 +40,23 @@ def without_bushings(data):
 
 
 def mirrored(car: FullCar) -> FullCar:
-    """The car with its steering on the other side and its propeller shaft turning the other way: all that is not symmetric."""
+    """The car with its steering on the other side and its propeller shaft turning the other way: all that is not
+    symmetric."""
     s = car.steering
-    points: dict[str, Any] = {name: mirror(getattr(s, name)) for name in ('pinion_foot', 'pinion_joint', 'column_joint', 'wheel_hub')}
+    points: dict[str, Any] = {
+        name: mirror(getattr(s, name)) for name in ('pinion_foot', 'pinion_joint', 'column_joint', 'wheel_hub')
+    }
     return dataclasses.replace(
-        car, steering=dataclasses.replace(s, **points), driveline=dataclasses.replace(car.driveline, ratio=-car.driveline.ratio)
+        car,
+        steering=dataclasses.replace(s, **points),
+        driveline=dataclasses.replace(car.driveline, ratio=-car.driveline.ratio),
     )
 
 
 def double_wishbones() -> FullCar:
-    """Another car: double wishbones behind too, the front ones turned around, with the toe link on the subframe; a longer wheelbase, upper
-    arms that are less inclined, stiffer springs, a lighter body with its centre of mass further forward.
+    """Another car: double wishbones behind too, the front ones turned around, with the toe link on the subframe; a
+    longer wheelbase, upper arms that are less inclined, stiffer springs, a lighter body with its centre of mass further
+    forward.
     """
     car = full_car()
     front, back = car.front, 0.06
@@ -76,7 +84,10 @@ def double_wishbones() -> FullCar:
         radius_link=link(front.radius_link),
         tie_rod=link(front.tie_rod),
         coil_over=dataclasses.replace(
-            coil, lower=turned(coil.lower), upper=turned(coil.upper), spring=dataclasses.replace(coil.spring, rate=50e3, load=4900.0)
+            coil,
+            lower=turned(coil.lower),
+            upper=turned(coil.upper),
+            spring=dataclasses.replace(coil.spring, rate=50e3, load=4900.0),
         ),
     )
     ahead = dataclasses.replace(

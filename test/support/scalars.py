@@ -17,8 +17,11 @@ from mbd_sim_ros.messages.topics import JOINT_STATE, Topic
 Scalars = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
 
 
-def write_scalars(directory: Path, topics: Scalars, *, frame: Callable[[int], str] = lambda _: 'car', log_ns: int = 0) -> Path:
-    """Write JointState messages with positions only. topics: name -> (instants [ns], columns). frame: frame_id of message k.
+def write_scalars(
+    directory: Path, topics: Scalars, *, frame: Callable[[int], str] = lambda _: 'car', log_ns: int = 0
+) -> Path:
+    """Write JointState messages with positions only. topics: name -> (instants [ns], columns). frame: frame_id of
+    message k.
 
     log_ns: what the log times are later than the stamps.
     """
@@ -40,7 +43,8 @@ def write_mcap(
     metadata: Mapping[str, Mapping[str, str]] | None = None,
     **options: Any,
 ) -> Path:
-    """Write a file with the mcap library. channels: topic, type, schema, [(log time, message)]. options: of mcap.writer.Writer."""
+    """Write a file with the mcap library. channels: topic, type, schema, [(log time, message)]. options: of
+    mcap.writer.Writer."""
     with file.open('wb') as stream:
         writer = Writer(stream, **{'compression': CompressionType.NONE, **options})
         writer.start(profile='ros2', library='test')
@@ -57,7 +61,10 @@ def write_mcap(
 
 def run_of(columns: Mapping[str, np.ndarray], time_ns: np.ndarray, metadata: dict[str, str] | None = None) -> Run:
     """A run whose columns are all at the same instants."""
-    return Run({'': Series(np.asarray(time_ns, np.int64), {n: np.asarray(v, float) for n, v in columns.items()})}, metadata or {})
+    return Run(
+        {'': Series(np.asarray(time_ns, np.int64), {n: np.asarray(v, float) for n, v in columns.items()})},
+        metadata or {},
+    )
 
 
 def run(n: int = 101, h_ns: int = 10_000_000, start_ns: int = 0, **columns: Callable[[np.ndarray], np.ndarray]) -> Run:

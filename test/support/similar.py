@@ -1,7 +1,8 @@
 """A light car at another size, as files: Froude similarity, all lengths times s, densities and gravity the same.
 
-The exponents are those of the units: a length grows with s, a mass with s^3, a time with s^(1/2), so a force with s^3, a rate of a spring
-with s^2, of a damper with s^(5/2), a moment with s^4, an inertia with s^5. Coefficients of the Magic Formula are numbers.
+The exponents are those of the units: a length grows with s, a mass with s^3, a time with s^(1/2), so a force with s^3,
+a rate of a spring with s^2, of a damper with s^(5/2), a moment with s^4, an inertia with s^5. Coefficients of the Magic
+Formula are numbers.
 """
 
 from __future__ import annotations
@@ -20,13 +21,19 @@ RATE, DAMPING = FORCE - LENGTH, FORCE - SPEED
 KEYS: dict[
     str, float | tuple[float, float]
 ] = {  # of a light car, by the name of the key or, where that is not enough, with the one around it
-    **dict.fromkeys(('com', 'center', 'top_mount', 'strut', 'ball_joint', 'arm_pivots', 'tie_rod_knuckle', 'tie_rod_rack'), LENGTH),
-    **dict.fromkeys(('spring.chassis', 'spring.knuckle', 'damper.chassis', 'damper.knuckle', 'pivot_inner', 'pivot_outer'), LENGTH),
+    **dict.fromkeys(
+        ('com', 'center', 'top_mount', 'strut', 'ball_joint', 'arm_pivots', 'tie_rod_knuckle', 'tie_rod_rack'), LENGTH
+    ),
+    **dict.fromkeys(
+        ('spring.chassis', 'spring.knuckle', 'damper.chassis', 'damper.knuckle', 'pivot_inner', 'pivot_outer'), LENGTH
+    ),
     **dict.fromkeys(('rack_per_turn', 'hitch', 'point'), LENGTH),
     **{'mass': MASS, 'inertia': INERTIA, 'spin_inertia': INERTIA, 'products': INERTIA},
     **{'rate': RATE, 'anti_roll_bar': RATE, 'rack_damping': DAMPING, 'drag_area': 2 * LENGTH, 'top_speed': -TIME},
     **{'stiffness': MOMENT, 'damping': MOMENT + TIME, 'damper.law': (SPEED, FORCE), 'stops': (LENGTH, FORCE)},
-    **dict.fromkeys(('toe_deg', 'camber_deg', 'column_axis', 'driven', 'ratio', 'share', 'kind', 'tire', 'category'), 0.0),
+    **dict.fromkeys(
+        ('toe_deg', 'camber_deg', 'column_axis', 'driven', 'ratio', 'share', 'kind', 'tire', 'category'), 0.0
+    ),
 }
 TIRE = {
     **dict.fromkeys(('UNLOADED_RADIUS', 'WIDTH', 'RIM_RADIUS', 'BOTTOM_OFFST'), LENGTH),
@@ -68,7 +75,8 @@ def write_similar_tire(source: Path, target: Path, s: float) -> None:
 
 
 def similar_car(directory: Path, s: float, change: dict[str, Any] | None = None) -> Path:
-    """The file of the delivered light car at s times its size, beside its tire. change: of the data, before they are scaled."""
+    """The file of the delivered light car at s times its size, beside its tire. change: of the data, before they are
+    scaled."""
     directory.mkdir(parents=True, exist_ok=True)
     data = yaml.safe_load((CONFIG / 'vehicles' / 'light_car.yaml').read_text()) | (change or {})
     write_similar_tire(CONFIG / 'tires' / '205_55R16.tir', directory / 'similar.tir', s)

@@ -45,13 +45,15 @@ def snapshot(names: Channels, k: int = 1, *, h_ns: int = 2_000_000, inputs: np.n
 
 
 class Synthetic:
-    """Has the interface of solver.simulation.Simulation. `fails_at`: step that raises StepError; `bad_at`: step with a NaN in it."""
+    """Has the interface of solver.simulation.Simulation. `fails_at`: step that raises StepError; `bad_at`: step with a
+    NaN in it."""
 
     def __init__(self, *, h_ns: int = 2_000_000, vehicle: bool = True, fails_at: int = -1, bad_at: int = -1) -> None:
         self.h_ns, self.fails_at, self.bad_at = h_ns, fails_at, bad_at
         self.events: list = []
         self.sources = SimpleNamespace(
-            actuators=None, assistant=None, driver=None, of_time=SimpleNamespace(table=lambda k0, n: np.zeros((n, len(INPUTS))))
+            actuators=None, assistant=None, driver=None,
+            of_time=SimpleNamespace(table=lambda k0, n: np.zeros((n, len(INPUTS))))
         )  # fmt: skip
         self.channels = channels(vehicle=vehicle)
         self.scene = SimpleNamespace(
@@ -76,7 +78,9 @@ class Synthetic:
 
     def advance(self, n: int = 1, inputs: np.ndarray | None = None) -> Snapshot:
         if self.k + n == self.fails_at:
-            raise StepError(f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: no convergence at constraint hinge; reduce integrator.h')
+            raise StepError(
+                f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: no convergence at constraint hinge; reduce integrator.h'
+            )
         self.k += n
         if inputs is not None:
             self.applied = np.broadcast_to(np.atleast_2d(np.array(inputs, float)), (n, len(INPUTS)))

@@ -50,7 +50,9 @@ class Tire(Element):
 def tire(data: TireData = CAR, road: RoadSpec = FLAT, *, turn_slip: bool | None = False, **spec) -> Tire:
     """One tire on body b0, whose centre of mass lies off the wheel centre."""
     context = ContractContext(bodies=1, com=[(0.02, -0.01, 0.03)], road=road)
-    table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=data, turn_slip=turn_slip, **spec)], context)
+    table = compile_tires(
+        [TireSpec(name='tire', marker=Marker(body='b0'), data=data, turn_slip=turn_slip, **spec)], context
+    )
     return Tire(forcing(tire_forces, table, context.laws()), context, n=1, outputs=OUTPUTS)
 
 
@@ -61,9 +63,17 @@ def _turned(yaw: float, camber: float, pitch: float) -> np.ndarray:
 
 
 def wheel(
-    *, position=(0.0, 0.0, 0.3), velocity=(0.0, 0.0, 0.0), spin=0.0, yaw=0.0, camber=0.0, pitch=0.0, rates=(0.0, 0.0, 0.0)
+    *,
+    position=(0.0, 0.0, 0.3),
+    velocity=(0.0, 0.0, 0.0),
+    spin=0.0,
+    yaw=0.0,
+    camber=0.0,
+    pitch=0.0,
+    rates=(0.0, 0.0, 0.0),
 ) -> Kinematics:
-    """A wheel by the position and velocity of its centre [m, m/s, in W], spin and other rates in the wheel's axes [rad/s]."""
+    """A wheel by the position and velocity of its centre [m, m/s, in W], spin and other rates in the wheel's axes
+    [rad/s]."""
     R = _turned(yaw, camber, pitch)
     x, y, z = w = np.array(rates) + [0.0, spin, 0.0]
     com = np.array([0.02, -0.01, 0.03])
@@ -89,14 +99,26 @@ def march(element: Element, kin: Kinematics, steps: int, z=(0.0, 0.0), h: float 
     return results
 
 
-def drop(element: Element, *, mass: float, gravity, seconds: float, velocity=(0.0, 0.0, 0.0), height: float = 0.297, h: float = H):
-    """A wheel that cannot rotate, free to translate, by linearly implicit Euler; returns positions, velocities, outputs over time."""
+def drop(
+    element: Element,
+    *,
+    mass: float,
+    gravity,
+    seconds: float,
+    velocity=(0.0, 0.0, 0.0),
+    height: float = 0.297,
+    h: float = H,
+):
+    """A wheel that cannot rotate, free to translate, by linearly implicit Euler; returns positions, velocities, outputs
+    over time."""
     x, v, z = np.array([0.0, 0.0, height]), np.array(velocity, float), (0.0, 0.0)
     trace = []
     for _ in range(int(seconds / h)):
         r = element.evaluate(wheel(position=x, velocity=v), zp=z, cz=h, tangents=True)
         K, D = r.Kq[:3, :3], r.Kv[:3, :3]
-        v = v + np.linalg.solve(mass * np.eye(3) - h * D - h * h * K, h * (r.f[0, :3] + mass * np.array(gravity) + h * K @ v))
+        v = v + np.linalg.solve(
+            mass * np.eye(3) - h * D - h * h * K, h * (r.f[0, :3] + mass * np.array(gravity) + h * K @ v)
+        )
         x = x + h * v
         end = element.evaluate(wheel(position=x, velocity=v), zp=z, cz=h)
         z = tuple(end.z)
@@ -117,8 +139,11 @@ def evaluate(c, kappa, tan_alpha, gamma, Fz, mu, V, forward, twist):
     return magic_formula(c, kappa, tan_alpha, g, Fz, dfz, mu, V, Kx, Ky, forward, 1.0, twist)
 
 
-def forces(c: np.ndarray, *, kappa=0.0, tan_alpha=0.0, gamma=0.0, Fz=4000.0, mu=1.0, V=16.7, forward=1.0, twist=0.0) -> dict[str, float]:
-    """Forces and moments by name, in the axes of the file; twist: R0 phi_t. Of complex numbers by the source of the law."""
+def forces(
+    c: np.ndarray, *, kappa=0.0, tan_alpha=0.0, gamma=0.0, Fz=4000.0, mu=1.0, V=16.7, forward=1.0, twist=0.0
+) -> dict[str, float]:
+    """Forces and moments by name, in the axes of the file; twist: R0 phi_t. Of complex numbers by the source of the
+    law."""
     given = (kappa, tan_alpha, gamma, Fz, mu, V, forward, twist)
     law = interpreted(evaluate) if any(map(np.iscomplexobj, given)) else evaluate
     return dict(zip(('fx', 'fy', 'mx', 'my', 'mz'), law(c, *given), strict=True))

@@ -1,9 +1,10 @@
-"""A linear single-track car with a trailer, on its own paper, and what its data are in a model: masses, levers, cornering stiffnesses.
+"""A linear single-track car with a trailer, on its own paper, and what its data are in a model: masses, levers,
+cornering stiffnesses.
 
-Three degrees of freedom at constant speed u ([Pacejka2012] 1.3.4): lateral velocity v and yaw rate r of the car at its centre of mass, and
-the articulation g, yaw of the trailer against the car. Lengths along x, all positive: from the centre of mass of the car to the front axle
-a (ahead), to the rear axle b and the ball h (behind); from the ball backwards to centre of mass e, axle l and centre of pressure p of the
-trailer. Accelerations
+Three degrees of freedom at constant speed u ([Pacejka2012] 1.3.4): lateral velocity v and yaw rate r of the car at its
+centre of mass, and the articulation g, yaw of the trailer against the car. Lengths along x, all positive: from the
+centre of mass of the car to the front axle a (ahead), to the rear axle b and the ball h (behind); from the ball
+backwards to centre of mass e, axle l and centre of pressure p of the trailer. Accelerations
 
     a1 = v' + u r          a2 = a1 - h r' - e (r' + g'')
 
@@ -13,8 +14,9 @@ and by virtual displacements y, yaw of both, articulation
     I1 r' + I2 (r' + g'') - (h + e) m2 a2  = (a - tf) Ff - (b + tr) Fr - (h + l + tt) Ft
     I2 (r' + g'') - e m2 a2                = -(l + tt) Ft - damping g'
 
-with side forces F behind a first-order lag of their relaxation length, sigma / u F' + F = C (angle of the wheel - angle of its velocity),
-at a pneumatic trail t behind the axle. Air drag D of the trailer acts against the velocity of its centre of pressure.
+with side forces F behind a first-order lag of their relaxation length, sigma / u F' + F = C (angle of the wheel - angle
+of its velocity), at a pneumatic trail t behind the axle. Air drag D of the trailer acts against the velocity of its
+centre of pressure.
 """
 
 from __future__ import annotations
@@ -68,8 +70,9 @@ def mass_figures(model: ModelSpec, names: set[str]) -> tuple[float, np.ndarray, 
 
 @dataclass(frozen=True, kw_only=True)
 class SingleTrack:
-    """Masses [kg], yaw inertias [kg m^2] and levers [m] of the module; x: centre of mass of the car in its design frame [m]; tracks [m] of
-    the three axles; stiffness [N/rad], trail [m] and relaxation length [m] of the three axles; drag_area [m^2] of the trailer."""
+    """Masses [kg], yaw inertias [kg m^2] and levers [m] of the module; x: centre of mass of the car in its design frame
+    [m]; tracks [m] of the three axles; stiffness [N/rad], trail [m] and relaxation length [m] of the three axles;
+    drag_area [m^2] of the trailer."""
 
     m1: float
     m2: float
@@ -89,7 +92,8 @@ class SingleTrack:
     relaxation: np.ndarray
 
     def matrices(self, u: float, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(mass matrix M (4, 4), A (4, 4), levers of the three side forces (4, 3)): M z' = A z + levers F, z = (v, r, g, g')."""
+        """(mass matrix M (4, 4), A (4, 4), levers of the three side forces (4, 3)): M z' = A z + levers F, z = (v, r,
+        g, g')."""
         a2 = np.array([1.0, -self.h - self.e, 0.0, -self.e])
         turned = np.array([0.0, 1.0, 0.0, 1.0])
         M = np.array(
@@ -110,7 +114,14 @@ class SingleTrack:
         A[1] += drag * ((self.h + self.p) * sideways - pendulum)
         A[2] += drag * (self.p * sideways - pendulum)
         tf, tr, tt = self.trail
-        levers = np.array([[1.0, 1.0, 1.0], [self.a - tf, -self.b - tr, -self.h - self.l - tt], [0.0, 0.0, -self.l - tt], [0.0, 0.0, 0.0]])
+        levers = np.array(
+            [
+                [1.0, 1.0, 1.0],
+                [self.a - tf, -self.b - tr, -self.h - self.l - tt],
+                [0.0, 0.0, -self.l - tt],
+                [0.0, 0.0, 0.0],
+            ]
+        )
         return M, A, levers
 
     def slip(self, u: float) -> np.ndarray:
@@ -127,7 +138,9 @@ class SingleTrack:
         """(undamped frequency [Hz], damping ratio [-]) of the oscillation with the least damping."""
         M, A, levers = self.matrices(u, damping)
         inverse, lag = np.linalg.inv(M), u / self.relaxation
-        s = np.linalg.eigvals(np.block([[inverse @ A, inverse @ levers], [(lag * self.stiffness)[:, None] * self.slip(u), -np.diag(lag)]]))
+        s = np.linalg.eigvals(
+            np.block([[inverse @ A, inverse @ levers], [(lag * self.stiffness)[:, None] * self.slip(u), -np.diag(lag)]])
+        )
         least = max((one for one in s if one.imag > 1e-3), key=lambda one: one.real / abs(one))
         return abs(least) / (2.0 * np.pi), -least.real / abs(least)
 
@@ -137,8 +150,9 @@ class SingleTrack:
 
 
 def single_track(car: str, u: float, *changes: str) -> SingleTrack:
-    """The linear model of a car with the caravan: masses from the specification; stiffnesses and trails from the side forces and moments in
-    steady turns to both sides at u [m/s]; relaxation lengths are tire stiffness over carcass stiffness ([Besselink2010] 17-19)."""
+    """The linear model of a car with the caravan: masses from the specification; stiffnesses and trails from the side
+    forces and moments in steady turns to both sides at u [m/s]; relaxation lengths are tire stiffness over carcass
+    stiffness ([Besselink2010] 17-19)."""
     scene = towing(car, *changes, speed=u)
     model = scene.model
     trailer = bodies_of_trailer(model)
@@ -150,12 +164,15 @@ def single_track(car: str, u: float, *changes: str) -> SingleTrack:
     drag = next((one for one in model.aero_drags if one.name == 'aero_trailer'), None)
     origin = next(body.position[0] for body in model.bodies if body.name == 'trailer')
     geometry = dict(
-        m1=m1, m2=m2, I1=I1, I2=I2, a=at['front_left'][0] - com1[0], b=com1[0] - at['rear_left'][0], h=com1[0] - ball, e=ball - com2[0],
+        m1=m1, m2=m2, I1=I1, I2=I2, a=at['front_left'][0] - com1[0], b=com1[0] - at['rear_left'][0], h=com1[0] - ball,
+        e=ball - com2[0],
         l=ball - at['trailer_left'][0], p=0.0 if drag is None else ball - origin - drag.marker.position[0], x=com1[0],
         half_tracks=half_tracks, drag_area=0.0 if drag is None else drag.drag_area,
     )  # fmt: skip
     unknown = SingleTrack(**geometry, stiffness=np.ones(3), trail=np.zeros(3), relaxation=np.ones(3))
-    left, right = (turning(unknown, towing(car, *changes, speed=u, steering=steered(s * AMPLITUDE))) for s in (1.0, -1.0))
+    left, right = (
+        turning(unknown, towing(car, *changes, speed=u, steering=steered(s * AMPLITUDE))) for s in (1.0, -1.0)
+    )
     forces, moments, slips = ((x - y) / 2.0 for x, y in zip(left, right, strict=True))
     stiffness = forces / (slips + np.array([front_angle(scene), 0.0, 0.0]))
     carcass = np.array([model.tires[k].data['LATERAL_STIFFNESS'] for k in (0, 2, 4)])
@@ -174,8 +191,8 @@ def front_angle(scene: Scene, angle: float = AMPLITUDE) -> float:
 
 
 def turning(track: SingleTrack, scene: Scene, seconds: float = 12.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(side forces [N], moments about the vertical at the axles [N m], angles of the velocities of the wheels against them [rad], with the
-    sign of a force) of the three axles at the end of a run."""
+    """(side forces [N], moments about the vertical at the axles [N m], angles of the velocities of the wheels against
+    them [rad], with the sign of a force) of the three axles at the end of a run."""
     simulation = Simulation(scene)
     shot = simulation.advance(round(seconds / simulation.h))
     u, v, r = shot.twist[simulation.channels.chassis or 0][[0, 1, 5]]
@@ -187,7 +204,8 @@ def turning(track: SingleTrack, scene: Scene, seconds: float = 12.0) -> tuple[np
 
 
 def ring_down(scene: Scene, begin: float, seconds: float = 6.0) -> tuple[float, float]:
-    """(undamped frequency [Hz], damping ratio [-]) of the articulation from `begin` [s] on: a damped oscillation about a line, fitted."""
+    """(undamped frequency [Hz], damping ratio [-]) of the articulation from `begin` [s] on: a damped oscillation about
+    a line, fitted."""
     simulation = Simulation(scene)
     place = simulation.channels.joints.index('articulation')
     every = round(0.02 / simulation.h)

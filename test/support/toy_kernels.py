@@ -1,4 +1,5 @@
-"""A package `solver` with the real compiler and cache and three small kernels, for processes of their own: they compile in a second."""
+"""A package `solver` with the real compiler and cache and three small kernels, for processes of their own: they compile
+in a second."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ def total(values):
 def twice(values):
     return 2.0 * total(values)
 """
-# For every job (a line of JSON) a process of its own, forked from one that has imported everything and compiled nothing.
+# For every job (a line of JSON) a process of its own, forked from one that has imported everything and compiled
+# nothing.
 PROGRAM = """
 import json, os, sys
 from pathlib import Path
@@ -79,8 +81,9 @@ def package(root: Path) -> Path:
 
 
 class Toys:
-    """Runs jobs on one package and one cache. A job may have: cache (another directory of kernels), first (statements before the first
-    call), limit (bytes a file may have). Each answers with values, compiled (kernels), cache and err, what was on stderr.
+    """Runs jobs on one package and one cache. A job may have: cache (another directory of kernels), first (statements
+    before the first call), limit (bytes a file may have). Each answers with values, compiled (kernels), cache and err,
+    what was on stderr.
     """
 
     def __init__(self, root: Path, cache: Path, scratch: Path, **environment: str) -> None:
@@ -92,7 +95,13 @@ class Toys:
         """A process that takes jobs."""
         pipe = subprocess.PIPE
         return subprocess.Popen(
-            [sys.executable, '-c', PROGRAM], cwd=self._scratch, env=self._environment, stdin=pipe, stdout=pipe, stderr=pipe, text=True
+            [sys.executable, '-c', PROGRAM],
+            cwd=self._scratch,
+            env=self._environment,
+            stdin=pipe,
+            stdout=pipe,
+            stderr=pipe,
+            text=True,
         )
 
     def run(self, *jobs: dict[str, Any]) -> list[dict[str, Any]]:
@@ -120,7 +129,8 @@ class Toys:
 
 
 class Edited:
-    """A package whose files in solver/elements may change between two processes, which share a cache. program: assigns `values`."""
+    """A package whose files in solver/elements may change between two processes, which share a cache. program: assigns
+    `values`."""
 
     def __init__(self, directory: Path, files: dict[str, str], program: str) -> None:
         self._directory, self._program = directory, program
@@ -146,10 +156,16 @@ event.register('numba:compile', compiled)
 names = {{record.data['dispatcher'].__name__ for _, record in compiled.buffer if record.is_start}}
 print(json.dumps([values, sorted(names)]))
 """
-        own = {'PYTHONPATH': str(self._directory), 'MBD_CACHE_DIR': str(self._directory / 'cache'), 'PYTHONDONTWRITEBYTECODE': '1'}
+        own = {
+            'PYTHONPATH': str(self._directory),
+            'MBD_CACHE_DIR': str(self._directory / 'cache'),
+            'PYTHONDONTWRITEBYTECODE': '1',
+        }
         own = {**os.environ, **own, **environment}
         run = [sys.executable, '-c', program]
-        done = subprocess.run(run, cwd=self._directory, env=own, capture_output=True, text=True, timeout=120, check=False)
+        done = subprocess.run(
+            run, cwd=self._directory, env=own, capture_output=True, text=True, timeout=120, check=False
+        )
         assert (done.returncode, done.stderr) == (0, ''), done.stderr
         values, names = json.loads(done.stdout)
         return values, set(names)

@@ -1,7 +1,8 @@
 """A model somewhere else, turned, mirrored or in other units: the same mechanism, whose motion must be the same.
 
-Each function takes a specification and returns another; `there` of a Transformation says where a configuration of the first is in the
-second. All of it is written from the definitions in docs/conventions.md, nothing is taken from the solver.
+Each function takes a specification and returns another; `there` of a Transformation says where a configuration of the
+first is in the second. All of it is written from the definitions in docs/conventions.md, nothing is taken from the
+solver.
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ def _markers(spec: Any, change: Callable[[Marker], Marker]) -> dict[str, Marker]
 
 
 def _elements(model: ModelSpec, change: Callable[[str, Any], Any]) -> ModelSpec:
-    return dataclasses.replace(model, **{n: tuple(change(n, s) for s in specs) for n, specs in model.sections().items()})
+    return dataclasses.replace(
+        model, **{n: tuple(change(n, s) for s in specs) for n, specs in model.sections().items()}
+    )
 
 
 def placed_at(R: np.ndarray, d: np.ndarray) -> Transformation:
@@ -54,12 +57,16 @@ def placed_at(R: np.ndarray, d: np.ndarray) -> Transformation:
     def marker(m: Marker) -> Marker:
         if m.body != WORLD:
             return m
-        return dataclasses.replace(m, position=numbers(R @ m.position + d), orientation=quaternion(R @ matrix(m.orientation)))
+        return dataclasses.replace(
+            m, position=numbers(R @ m.position + d), orientation=quaternion(R @ matrix(m.orientation))
+        )
 
     def element(section: str, s: Any) -> Any:
         if section == 'bodies':
             return s.replace(
-                position=numbers(R @ s.position + d), orientation=quaternion(R @ matrix(s.orientation)), velocity=numbers(R @ s.velocity)
+                position=numbers(R @ s.position + d),
+                orientation=quaternion(R @ matrix(s.orientation)),
+                velocity=numbers(R @ s.velocity),
             )
         s = s.replace(**_markers(s, marker))
         if section == 'applied_forces' and s.frame == 'world':
@@ -78,10 +85,13 @@ def placed_at(R: np.ndarray, d: np.ndarray) -> Transformation:
 
 
 def mirrored() -> Transformation:
-    """Everything mirrored at the plane y = 0. Frames are mirrored and their y axes turned round, so they stay right-handed: S R S."""
+    """Everything mirrored at the plane y = 0. Frames are mirrored and their y axes turned round, so they stay
+    right-handed: S R S."""
 
     def marker(m: Marker) -> Marker:
-        return dataclasses.replace(m, position=numbers(S @ m.position), orientation=quaternion(S @ matrix(m.orientation) @ S))
+        return dataclasses.replace(
+            m, position=numbers(S @ m.position), orientation=quaternion(S @ matrix(m.orientation) @ S)
+        )
 
     def element(section: str, s: Any) -> Any:
         if section == 'bodies':
@@ -92,7 +102,8 @@ def mirrored() -> Transformation:
         s = s.replace(**_markers(s, marker))
         if section == 'applied_forces':
             s = s.replace(force=numbers(S @ s.force), torque=numbers(-S @ s.torque))
-        if section in ('couplers', 'coordinate_forces'):  # of rotations, which are all that the drafts couple: an angle changes its sign
+        # of rotations, which are all that the drafts couple: an angle changes its sign
+        if section in ('couplers', 'coordinate_forces'):
             s = s.replace(terms=tuple((name, -factor) for name, factor in s.terms))
         return s
 
@@ -122,7 +133,10 @@ def in_units(length: float, mass: float, time: float = 1.0) -> Transformation:
     def element(section: str, s: Any) -> Any:
         if section == 'bodies':
             at = {name: numbers(length * np.array(getattr(s, name))) for name in ('com', 'position')}
-            at |= {'velocity': numbers(speed * np.array(s.velocity)), 'angular_velocity': numbers(np.array(s.angular_velocity) / time)}
+            at |= {
+                'velocity': numbers(speed * np.array(s.velocity)),
+                'angular_velocity': numbers(np.array(s.angular_velocity) / time),
+            }
             return s.replace(mass=mass * s.mass, inertia=numbers(mass * length**2 * np.array(s.inertia)), **at)
         s = s.replace(**_markers(s, marker))
         match section:

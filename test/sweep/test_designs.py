@@ -17,7 +17,12 @@ from solver.errors import SceneError, SpecError
 
 def sweep_of(kind: str, samples: int = 16, **more: Parameter) -> Sweep:
     ranges = {name: Parameter(low=0.0, high=1.0) for name in ('a', 'b', 'c')} | more
-    return Sweep(scene='x', parameters=ranges, figures={'f': SweepFigure(quantity='q')}, design=Design(kind=kind, samples=samples, seed=3))  # type: ignore[arg-type]
+    return Sweep(
+        scene='x',
+        parameters=ranges,
+        figures={'f': SweepFigure(quantity='q')},
+        design=Design(kind=kind, samples=samples, seed=3),
+    )  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -74,7 +79,8 @@ def test_indices_of_a_known_function():
 
 
 def test_indices_say_how_well_they_are_known():
-    """Of f = a + 2 b the width of a confidence interval falls like the root of the samples, here to an eleventh; eight tell it badly."""
+    """Of f = a + 2 b the width of a confidence interval falls like the root of the samples, here to an eleventh; eight
+    tell it badly."""
     found = {}
     for samples in (8, 1024):
         sweep = sweep_of('saltelli', samples)
@@ -89,7 +95,8 @@ def test_indices_say_how_well_they_are_known():
     assert known_to(sweep_of('saltelli', 8), found[8]) == (
         'its indices are known to about 0.59 (95 % confidence): samples = 8 are few, about 512 would give 0.1'
     )
-    exact = {name: dict.fromkeys(('S1', 'S1_conf', 'ST', 'ST_conf'), 0.0) for name in 'abc'}  # two samples that happen to agree
+    # two samples that happen to agree
+    exact = {name: dict.fromkeys(('S1', 'S1_conf', 'ST', 'ST_conf'), 0.0) for name in 'abc'}
     assert known_to(sweep_of('saltelli', 2), exact).startswith('its indices are known to about 0.71')
     assert known_to(sweep_of('morris', 2), {'a': {'mu_star': 1.0, 'mu_star_conf': 1.0, 'sigma': 1.0}}) == ''
 
@@ -129,9 +136,17 @@ def test_a_part_of_a_parameter_is_set_behind_it(names: tuple[str, ...]) -> None:
 @pytest.mark.parametrize(
     ('given', 'parameters', 'told'),
     [
-        ([], ('start.speed', 'start.speed_kmh'), 'parameters = .start.speed_kmh.: is the same key as start.speed; keep one of them'),
+        (
+            [],
+            ('start.speed', 'start.speed_kmh'),
+            'parameters = .start.speed_kmh.: is the same key as start.speed; keep one of them',
+        ),
         ([], ('road.a[0]', 'road.a.0'), 'is the same key as'),
-        (['start.speed=20'], ('integrator.h', 'start'), 'set = .start.speed=20.: has no effect, because the parameter start replaces all'),
+        (
+            ['start.speed=20'],
+            ('integrator.h', 'start'),
+            'set = .start.speed=20.: has no effect, because the parameter start replaces all',
+        ),
         (
             ['start.speed=20', 'start={}'],
             ('integrator.h',),

@@ -29,7 +29,9 @@ def test_a_recording_that_is_made_anew_under_its_name_makes_a_row_anew(tmp_path:
     bag, found = tmp_path / 'drive', {}
     for angle in (0.1, -0.2):
         shutil.rmtree(bag, ignore_errors=True)
-        scene = load_scene('light_car_step_steer', ['duration=0.02', 'integrator.h=0.002', f'maneuver={{steering: {angle}}}'])
+        scene = load_scene(
+            'light_car_step_steer', ['duration=0.02', 'integrator.h=0.002', f'maneuver={{steering: {angle}}}']
+        )
         simulate(simulation_of(scene), scene.steps, directory=bag, progress=False)
         found[angle] = [row(tmp_path, f"maneuver={{bag: '{bag}'}}") for _ in range(2)]
     for angle, rows in found.items():

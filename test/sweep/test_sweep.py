@@ -44,7 +44,9 @@ def swept(capsys: pytest.CaptureFixture[str], file: Path, out: Path, *options: s
     return json.loads(capsys.readouterr().out)
 
 
-def test_a_grid_is_every_combination_and_its_figures_are_those_of_single_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_grid_is_every_combination_and_its_figures_are_those_of_single_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     file = tmp_path / 's.yaml'
     file.write_text(FILE)
     found = swept(capsys, file, tmp_path / 'out', '--workers', '2')
@@ -55,7 +57,11 @@ def test_a_grid_is_every_combination_and_its_figures_are_those_of_single_runs(tm
         (h, g) for h in (0.01, 0.005) for g in ('[0, -9.81, 0]', '[0, -1.62, 0]')
     }
     for row in table:
-        overrides = ['duration=0.3', f'integrator.h={row["integrator.h"]}', f'mechanism.gravity={row["mechanism.gravity"]}']
+        overrides = [
+            'duration=0.3',
+            f'integrator.h={row["integrator.h"]}',
+            f'mechanism.gravity={row["mechanism.gravity"]}',
+        ]
         simulation = simulation_of(load_scene('pendulum', overrides))
         shots = [simulation.snapshot()] + [simulation.advance(1) for _ in range(simulation.scene.steps)]
         body = simulation.channels.chassis or 0
@@ -65,7 +71,8 @@ def test_a_grid_is_every_combination_and_its_figures_are_those_of_single_runs(tm
 
 
 def test_axes_of_the_report_name_their_units_as_the_file_writes_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """From the hints of the specifications: of a number, of one that is written in km/h, of one in a list; a count has none."""
+    """From the hints of the specifications: of a number, of one that is written in km/h, of one in a list; a count has
+    none."""
     labels: list[str] = []
     monkeypatch.setattr('matplotlib.axes.Axes.set_xlabel', lambda _, text, **__: labels.append(text))
     monkeypatch.setattr('matplotlib.axes.Axes.set_ylabel', lambda _, text, **__: labels.append(text))
@@ -87,7 +94,9 @@ def test_axes_of_the_report_name_their_units_as_the_file_writes_them(tmp_path: P
     assert labels[1] == 'fastest [rad/s]'
 
 
-def test_finished_cases_are_not_run_again_and_the_table_keeps_its_bits(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_finished_cases_are_not_run_again_and_the_table_keeps_its_bits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     file = tmp_path / 's.yaml'
     file.write_text(FILE)
     first = swept(capsys, file, tmp_path / 'out', '--workers', '1')
@@ -128,7 +137,10 @@ def test_failures_are_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
 
 def test_numbers_that_are_not_finite_are_a_failure(tmp_path: Path):
     """1e200 N on 1 kg have a power beyond 1.8e308 W after the first step; the case was ok."""
-    force = 'mechanism={bodies: {b: {mass: 1, inertia: [1, 1, 1]}}, applied_forces: {f: {marker: b, force: [0, 0, 1.0e+200]}}}'
+    force = (
+        'mechanism={bodies: {b: {mass: 1, inertia: [1, 1, 1]}}, applied_forces: {f: {marker: b, force: [0, 0, '
+        '1.0e+200]}}}'
+    )
     text = load_scene('pendulum', ['duration=0.02', force]).resolved
     row = row_of(dataclasses.replace(case_of(tmp_path, fast=SweepFigure(quantity='odom/twist/vz')), text=text))
     assert row['status'] == 'error' and math.isnan(row['fast'])
@@ -139,7 +151,14 @@ def pendulums(n: int, rows: Path) -> list[SweepCase]:
     text = load_scene('pendulum', ['duration=0.2']).resolved
     figures = {'fast': SweepFigure(quantity='odom/twist/wz')}
     return [
-        SweepCase(number=i, text=text, name='pendulum', values={'integrator.h': 1e-3 * (1 + i % 5)}, figures=figures, rows=str(rows))
+        SweepCase(
+            number=i,
+            text=text,
+            name='pendulum',
+            values={'integrator.h': 1e-3 * (1 + i % 5)},
+            figures=figures,
+            rows=str(rows),
+        )
         for i in range(n)
     ]
 
@@ -149,7 +168,9 @@ def case_of(place: Path, number: int = 0, *, bags: bool = False, **figures: Swee
         (place / name).mkdir(parents=True, exist_ok=True)
     text = load_scene('pendulum', ['duration=0.02']).resolved
     where = str(place / 'bags') if bags else ''
-    return SweepCase(number=number, text=text, name='pendulum', values={}, figures=figures, rows=str(place / 'rows'), bags=where)
+    return SweepCase(
+        number=number, text=text, name='pendulum', values={}, figures=figures, rows=str(place / 'rows'), bags=where
+    )
 
 
 def test_figures_that_change_their_names_are_not_mixed_up(tmp_path: Path):
@@ -173,9 +194,12 @@ def test_a_case_that_is_to_be_recorded_later_gets_its_bag_and_a_new_number_one_o
 
 
 def test_a_case_has_the_same_figures_whether_it_is_recorded_or_not_and_how_often(tmp_path: Path):
-    """A swing of 1 s is seen at every step of 5 ms, though its bag has one of twenty; and a bag has all instants that were asked for,
-    though figures of steps of 0.5 ms are of every second one."""
-    taken = {'deepest': SweepFigure(quantity='odom/pose/y', take='min'), 'when': SweepFigure(quantity='odom/twist/wz', take='peak_time')}
+    """A swing of 1 s is seen at every step of 5 ms, though its bag has one of twenty; and a bag has all instants that
+    were asked for, though figures of steps of 0.5 ms are of every second one."""
+    taken = {
+        'deepest': SweepFigure(quantity='odom/pose/y', take='min'),
+        'when': SweepFigure(quantity='odom/twist/wz', take='peak_time'),
+    }
     rows = {}
     for h, every, steps in ((0.005, 20, 200), (0.0005, 1, 40)):
         text = load_scene('pendulum', [f'integrator.h={h}', f'duration={h * steps}', f'record.every={every}']).resolved
@@ -189,7 +213,8 @@ def test_a_case_has_the_same_figures_whether_it_is_recorded_or_not_and_how_often
 
 
 def test_what_a_killed_worker_left_of_a_bag_is_in_nobodys_way(tmp_path: Path):
-    """Killed while it recorded, by another of the same number, as in a container that is started anew; or between bag and row."""
+    """Killed while it recorded, by another of the same number, as in a container that is started anew; or between bag
+    and row."""
     case_ = case_of(tmp_path, bags=True, f=SweepFigure(quantity='odom/pose/y'))
     first = row_of(case_)
     bag = tmp_path / 'bags' / first['bag']
@@ -207,7 +232,10 @@ def test_a_real_time_factor_is_not_judged_in_a_sweep_and_refused(tmp_path: Path,
     file = tmp_path / 's.yaml'
     file.write_text(FILE.replace('[duration=0.3]', '[duration=0.3, require.real_time_factor_min=2]'))
     assert main(['sweep', str(file), '--out', str(tmp_path / 'out')]) == SceneError.exit_code
-    assert 'require.real_time_factor_min: rows do not depend on the machine, so it is not judged in a sweep; add' in capsys.readouterr().err
+    assert (
+        'require.real_time_factor_min: rows do not depend on the machine, so it is not judged in a sweep; add'
+        in capsys.readouterr().err
+    )
 
 
 def test_a_case_that_leaves_its_envelope_is_suspect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -225,12 +253,21 @@ def test_a_case_that_leaves_its_envelope_is_suspect(tmp_path: Path, monkeypatch:
             'light_car_step_steer', ['duration=1', 'maneuver.steering.start=0.2', f'maneuver.steering.value={angle}']
         ).resolved
         bags = str(tmp_path / status)
-        row = row_of(SweepCase(number=0, text=text, name='step', values={}, figures={'r': SweepFigure(quantity='yaw_rate')}, bags=bags))
+        row = row_of(
+            SweepCase(
+                number=0, text=text, name='step', values={}, figures={'r': SweepFigure(quantity='yaw_rate')}, bags=bags
+            )
+        )
         assert row['status'] == status, row
         recorded = reader.read(Path(bags) / row['bag'], ['odom/*'])  # says the same as its row
-        assert recorded.metadata['status'] == status and '; '.join(found['text'] for found in recorded.findings) in row['message']
+        assert (
+            recorded.metadata['status'] == status
+            and '; '.join(found['text'] for found in recorded.findings) in row['message']
+        )
         assert bool(recorded.findings) == (status == 'suspect')
-        assert row['message'].startswith('The run leaves its envelope: lateral acceleration is') == (status == 'suspect')
+        assert row['message'].startswith('The run leaves its envelope: lateral acceleration is') == (
+            status == 'suspect'
+        )
 
 
 def test_a_directory_is_gone_on_with_by_one_command_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -246,7 +283,9 @@ def test_a_directory_is_gone_on_with_by_one_command_at_a_time(tmp_path: Path, ca
 @pytest.mark.slow
 def test_a_worker_that_dies_costs_nothing(tmp_path: Path):
     todo = pendulums(12, tmp_path)
-    expected = [row_of(case) for case in pendulums(12, tmp_path / 'none' if (tmp_path / 'none').mkdir() is None else tmp_path)]
+    expected = [
+        row_of(case) for case in pendulums(12, tmp_path / 'none' if (tmp_path / 'none').mkdir() is None else tmp_path)
+    ]
     found = []
     with workers.Workers(2) as crew:
         for row in crew.run(todo):
@@ -258,12 +297,23 @@ def test_a_worker_that_dies_costs_nothing(tmp_path: Path):
 
 @pytest.mark.slow
 def test_interrupted_as_soon_as_it_has_workers_a_sweep_leaves_none_behind(tmp_path: Path):
-    """They import for a second, deaf to the terminal, with the pipes of the one who asked: who reads these would wait for them. He who lays
-    out the cases imports as long, and is ended where he is."""
-    sampled = {'parameters': {'start.speed_kmh': {'low': 65, 'high': 95}}, 'design': {'kind': 'latin_hypercube', 'samples': 4}}
+    """They import for a second, deaf to the terminal, with the pipes of the one who asked: who reads these would wait
+    for them. He who lays out the cases imports as long, and is ended where he is."""
+    sampled = {
+        'parameters': {'start.speed_kmh': {'low': 65, 'high': 95}},
+        'design': {'kind': 'latin_hypercube', 'samples': 4},
+    }
     figures = {'figures': {'peak': {'quantity': 'yaw_rate'}}}
     (tmp_path / 's.yaml').write_text(json.dumps({'scene': 'light_car_straight', **sampled, **figures}))
-    command = [sys.executable, '-m', 'mbd_sim_ros.commands.main', 'sweep', str(tmp_path / 's.yaml'), '--out', str(tmp_path / 'out')]
+    command = [
+        sys.executable,
+        '-m',
+        'mbd_sim_ros.commands.main',
+        'sweep',
+        str(tmp_path / 's.yaml'),
+        '--out',
+        str(tmp_path / 'out'),
+    ]
     process = subprocess.Popen(
         [*command, '--workers', '2'], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -292,7 +342,17 @@ def test_a_sweep_that_is_interrupted_goes_on(tmp_path: Path):
     file = tmp_path / 's.yaml'
     steps = ', '.join(f'{1e-3 + 1e-5 * i:.6g}' for i in range(6))
     file.write_text(FILE.replace('[0.01, 0.005]', f'[{steps}]').replace('duration=0.3', 'duration=1.5'))
-    command = [sys.executable, '-m', 'mbd_sim_ros.commands.main', 'sweep', str(file), '--out', str(tmp_path / 'out'), '--workers', '1']
+    command = [
+        sys.executable,
+        '-m',
+        'mbd_sim_ros.commands.main',
+        'sweep',
+        str(file),
+        '--out',
+        str(tmp_path / 'out'),
+        '--workers',
+        '1',
+    ]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     end = time.monotonic() + 120.0
     while len(list(tmp_path.glob('out/rows/*.json'))) < 3 and time.monotonic() < end:
@@ -313,12 +373,16 @@ def test_a_sweep_that_is_interrupted_goes_on(tmp_path: Path):
 @pytest.mark.slow
 def test_a_cluster_gives_the_same_rows(tmp_path: Path):
     distributed = pytest.importorskip('distributed')
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
         from mbd_sim_ros.sweep.cluster import run_there
 
         (tmp_path / 'there').mkdir()
         (tmp_path / 'here').mkdir()
-        there = sorted(run_there(pendulums(4, tmp_path / 'there'), cluster.scheduler_address), key=lambda row: row['case'])
+        there = sorted(
+            run_there(pendulums(4, tmp_path / 'there'), cluster.scheduler_address), key=lambda row: row['case']
+        )
     assert there == [row_of(case) for case in pendulums(4, tmp_path / 'here')]
 
 
@@ -351,7 +415,9 @@ def test_workers_elsewhere_get_the_arrays_that_a_scene_names(tmp_path: Path, mon
         (('[0.01, 0.005]', '[bad]'), 's.yaml: parameters: integrator.h'),
     ],
 )
-def test_wrong_files_are_one_sentence(change: tuple[str, str], part: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_wrong_files_are_one_sentence(
+    change: tuple[str, str], part: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     file = tmp_path / 's.yaml'
     assert change[0] in FILE
     file.write_text(FILE.replace(*change))
@@ -364,19 +430,23 @@ def test_wrong_files_are_one_sentence(change: tuple[str, str], part: str, tmp_pa
 def test_files_may_be_values_and_the_scene_and_are_found_beside_the_sweep(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    """The example of docs/sweeps.md has `values: [maneuvers/step_steer.yaml, ...]`; these, and a scene, are names here, not contents."""
+    """The example of docs/sweeps.md has `values: [maneuvers/step_steer.yaml, ...]`; these, and a scene, are names here,
+    not contents."""
     work = tmp_path / 'work'
     work.mkdir()
     (work / 'mine.yaml').write_text('mechanism: mechanisms/pendulum.yaml\nduration: 0.2\n')
     (work / 'moon.yaml').write_text('[0, -1.62, 0]')
-    text = FILE.replace('scene: pendulum', 'scene: mine.yaml').replace("'[0, -9.81, 0]', '[0, -1.62, 0]'", 'work/moon.yaml')
+    text = FILE.replace('scene: pendulum', 'scene: mine.yaml').replace(
+        "'[0, -9.81, 0]', '[0, -1.62, 0]'", 'work/moon.yaml'
+    )
     (work / 's.yaml').write_text(text)
     monkeypatch.chdir(tmp_path)
     found = swept(capsys, Path('work/s.yaml'), tmp_path / 'out', '--workers', '1')
     assert (found['cases'], found['cases_ok']) == (2, 2)
     assert load_sweep('work/s.yaml').scene == 'work/mine.yaml'
     (work / 'figures.yaml').write_text('lowest: {quantity: odom/pose/y, take: min}')
-    (work / 't.yaml').write_text(text[: text.index('figures:')] + 'figures: figures.yaml\n')  # anything else is included as everywhere
+    # anything else is included as everywhere
+    (work / 't.yaml').write_text(text[: text.index('figures:')] + 'figures: figures.yaml\n')
     assert load_sweep('work/t.yaml').figures == {'lowest': SweepFigure(quantity='odom/pose/y', take='min')}
 
 
@@ -404,10 +474,11 @@ def test_a_worker_is_deaf_to_the_terminal_from_its_first_instruction(tmp_path: P
 
 
 def test_numerical_errors_are_measured_in_a_sample_of_the_cases_and_decide_where_all_have_them(tmp_path) -> None:
-    """A body of 10 g that vibrates by 1 mm, a hundred radians a step, on one that falls by 0.2 m: a check decides in a sample, and
-    the error where all are measured."""
+    """A body of 10 g that vibrates by 1 mm, a hundred radians a step, on one that falls by 0.2 m: a check decides in a
+    sample, and the error where all are measured."""
     text = (
-        'mechanism:\n  bodies:\n    a: {mass: 1, inertia: [1, 1, 1]}\n    b: {mass: 0.01, inertia: [1, 1, 1]}\n  joints:\n'
+        'mechanism:\n  bodies:\n    a: {mass: 1, inertia: [1, 1, 1]}\n    b: {mass: 0.01, inertia: [1, 1, 1]}\n  '
+        'joints:\n'
         '    g: {kind: prismatic, i: world, j: a, at: [0, 0, 0], axis: [0, 0, 1]}\n'
         '    k: {kind: prismatic, i: a, j: b, at: [0, 0, 0], axis: [0, 0, 1]}\n'
         '  coordinate_forces: {s: {terms: [[g, 1]], spring: 100}, t: {terms: [[k, 1]], spring: 1e8}}\n'
@@ -416,7 +487,9 @@ def test_numerical_errors_are_measured_in_a_sample_of_the_cases_and_decide_where
     figures = {'fall': SweepFigure(quantity='odom/pose/z', take='peak')}
 
     def case(twin: str) -> dict:
-        return row_of(SweepCase(number=0, text=text, name='fall', values={}, figures=figures, rows=str(tmp_path), twin=twin))  # type: ignore[arg-type]
+        return row_of(
+            SweepCase(number=0, text=text, name='fall', values={}, figures=figures, rows=str(tmp_path), twin=twin)
+        )  # type: ignore[arg-type]
 
     assert case('')['status'] == 'suspect' and 'errors' not in case('')
     told = case('told')

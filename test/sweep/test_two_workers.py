@@ -38,8 +38,8 @@ def cores() -> float:
 
 @pytest.mark.long
 def test_two_workers_are_nearly_twice_as_fast_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With nothing else to do, on two whole cores; where they are shared with others, what two processes that only count gain says so.
-    Of two sweeps each the less disturbed one counts, taken in turns."""
+    """With nothing else to do, on two whole cores; where they are shared with others, what two processes that only
+    count gain says so. Of two sweeps each the less disturbed one counts, taken in turns."""
     (tmp_path / 'sweep.yaml').write_text(SWEEP)
     seconds: dict[int, list[float]] = {1: [], 2: []}
     tables = set()

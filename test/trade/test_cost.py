@@ -1,4 +1,5 @@
-"""What settings cost: measured within the scene, in turn, so that what is said of two of them holds whatever the machine does meanwhile."""
+"""What settings cost: measured within the scene, in turn, so that what is said of two of them holds whatever the
+machine does meanwhile."""
 
 from __future__ import annotations
 
@@ -26,7 +27,10 @@ def recorded(place: Path) -> Scene:
 
 def test_the_inputs_of_a_recording_are_not_asked_for_beyond_its_end(tmp_path: Path) -> None:
     scene = recorded(tmp_path)
-    found = [*cost.compared(scene, (Setting(h=8e-3, iterations=1), Setting(iterations=1))), cost.measured(scene, Setting(h=0.02))]
+    found = [
+        *cost.compared(scene, (Setting(h=8e-3, iterations=1), Setting(iterations=1))),
+        cost.measured(scene, Setting(h=0.02)),
+    ]
     assert all(0.0 < of.median <= of.p99 for of in found)
     per_step = cost.per_step(scene, Setting())
     assert per_step.fixed + per_step.evaluation > 0.0
@@ -34,7 +38,8 @@ def test_the_inputs_of_a_recording_are_not_asked_for_beyond_its_end(tmp_path: Pa
 
 
 def test_settings_are_timed_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From the second half on the machine takes three times as long for everything: the same setting costs the same nevertheless."""
+    """From the second half on the machine takes three times as long for everything: the same setting costs the same
+    nevertheless."""
     scene = solver.load_scene('light_car_step_steer', [f'duration={LASTS}'])
     pieces = 2 * cost.ROUNDS  # of one setting and of the other, one a round
     took = [1.0] * (pieces // 2) + [3.0] * (pieces // 2)
@@ -45,7 +50,9 @@ def test_settings_are_timed_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize('duration', [5e-4, 1e-3, 2e-3, 3e-3])
-def test_a_scene_that_is_shorter_than_the_step_of_the_probe_is_timed(duration: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_that_is_shorter_than_the_step_of_the_probe_is_timed(
+    duration: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A scene of one step of 1 ms was refused for a step of 2.5 ms that nobody had asked for."""
     monkeypatch.setattr(cost, 'PROBE', 15)  # more steps than any of these scenes has
     scene = solver.load_scene('spring_mass', [f'duration={duration}', f'integrator.h={min(duration, 1e-3)}'])

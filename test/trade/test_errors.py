@@ -38,7 +38,8 @@ def made(offset: float, failure: str = '') -> Run:
 
 
 def test_every_part_is_the_difference_of_its_own_two_solutions_also_where_they_cancel() -> None:
-    """The level is off by 1, its step by 2 more, the iteration by 3 the other way: nothing is left of it in the whole."""
+    """The level is off by 1, its step by 2 more, the iteration by 3 the other way: nothing is left of it in the
+    whole."""
     error = by_origin(limit(0.0), limit(1.0), made(3.0), made(0.0))[NAME]
     assert [getattr(error, o).rms for o in ORIGINS[:3]] == pytest.approx([1.0, 2.0, 3.0])
     assert error.whole.max == 0.0
@@ -86,7 +87,8 @@ def test_threads_that_want_the_same_run_wait_for_it(monkeypatch: pytest.MonkeyPa
 
 
 def test_without_a_subsystem_what_it_changes_counts_to_the_model_and_the_sum_is_no_less_than_the_whole() -> None:
-    """The level is off by 1, its step by 2 and its iterations by 3 more; without a subsystem the setting is off by 0.5 more, or back."""
+    """The level is off by 1, its step by 2 and its iterations by 3 more; without a subsystem the setting is off by 0.5
+    more, or back."""
     truth, own, with_all = limit(0.0), limit(1.0), made(6.0)
     errors = by_origin(truth, own, made(3.0), with_all)
     for change in (0.5, -0.5, -6.0):

@@ -88,7 +88,9 @@ def answered(scene: str, *settings: str) -> tuple[Search, list[tuple[Answer, int
 
 def test_two_answers_come_before_any_long_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cost, 'per_step', lambda scene, setting, **_: PerStep(14e-6, 5e-6, 1.0, 3.0))
-    search, told = answered('light_car_step_steer', 'duration=0.8', 'maneuver.steering.start=0.1', 'require={yaw_rate: {rms: 2 %}}')
+    search, told = answered(
+        'light_car_step_steer', 'duration=0.8', 'maneuver.steering.start=0.1', 'require={yaw_rate: {rms: 2 %}}'
+    )
     (rule, runs, steps), (twin, more_runs, more) = told
     assert (rule.basis, runs, steps) == (RULE, 0, 0)
     assert (twin.basis, more_runs) == (TWIN, 2)  # the full vehicle with a step and with twice that
@@ -97,9 +99,12 @@ def test_two_answers_come_before_any_long_run(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_the_error_that_a_twin_estimates_is_that_of_its_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The estimate from 8 and 4 ms, beside the limit of steps four times as short: within a factor of two at the step that is answered."""
+    """The estimate from 8 and 4 ms, beside the limit of steps four times as short: within a factor of two at the step
+    that is answered."""
     monkeypatch.setattr(cost, 'per_step', lambda scene, setting, **_: PerStep(14e-6, 5e-6, 1.0, 3.0))
-    search = Search(solver.load_scene('spring_mass', ['duration=1', f'require={{{GUIDE}: {{rms: 0.2 %}}}}']), workers=1, levels=())
+    search = Search(
+        solver.load_scene('spring_mass', ['duration=1', f'require={{{GUIDE}: {{rms: 0.2 %}}}}']), workers=1, levels=()
+    )
     answer = by_twin(search.bench, (), lambda text: None)
     assert answer is not None and answer.basis == TWIN and 0.0 < answer.used <= first.KEPT
     truth = limit_of(search.bench, AS_GIVEN, tuple(dataclasses.replace(FULL, h=h) for h in (2e-3, 1e-3)))
@@ -112,11 +117,17 @@ def test_what_kept_the_limits_before_is_answered_first(tmp_path: Path) -> None:
     errors = {'yaw_rate': {'max': 0.01, 'rms': 0.004, 'peak': 0.3}}
     search.knowledge._data['errors'] = [
         {'maneuver': kind, 'setting': dataclasses.asdict(Setting(level=level, h=h)), 'cost': price, 'errors': errors}
-        for kind, level, h, price in (('Step', 'kc', 1e-2, 0.03), ('Sine', 'single_track', 2e-2, 0.004), ('Step', 'full', 4e-3, 0.2))
+        for kind, level, h, price in (
+            ('Step', 'kc', 1e-2, 0.03),
+            ('Sine', 'single_track', 2e-2, 0.004),
+            ('Step', 'full', 4e-3, 0.2),
+        )
     ]
     answer = before_runs(search.bench, search.knowledge)
-    assert (answer.basis, answer.setting.level, answer.cost) == (first.EARLIER, 'kc', 0.03)  # of maneuvers of this kind the cheapest
-    tighter = Search(solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 1.5 %}}']))  # 0.004 is 0.89 of it
+    # of maneuvers of this kind the cheapest
+    assert (answer.basis, answer.setting.level, answer.cost) == (first.EARLIER, 'kc', 0.03)
+    # 0.004 is 0.89 of it
+    tighter = Search(solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 1.5 %}}']))
     tighter.knowledge = search.knowledge
     assert before_runs(tighter.bench, tighter.knowledge).basis == RULE
     assert Knowledge(None, search.scene).plans == 0

@@ -20,7 +20,9 @@ from solver.trade.variations import AS_GIVEN, Variation
 
 NAMES = ['yaw_rate', 'tire_force.front_left.y']
 FAST = Setting(h=5e-3, iterations=1)
-FINDING = Finding(quantity='phase', value=0.2, limit=0.1, unit='rad', time=None, where='chassis', required=False, text='it is off')
+FINDING = Finding(
+    quantity='phase', value=0.2, limit=0.1, unit='rad', time=None, where='chassis', required=False, text='it is off'
+)
 
 
 def a_run() -> Run:
@@ -74,7 +76,9 @@ def test_where_nothing_can_be_written_every_run_is_made(tmp_path: Path) -> None:
         assert kept.get(AS_GIVEN, FAST) is None and kept.found == 0
 
 
-def test_an_interrupted_plan_goes_on_and_ends_as_one_that_was_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_plan_goes_on_and_ends_as_one_that_was_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     price = PerStep(14e-6, 5e-6, 1.0, 3.0)  # as it was measured once: two measurements might order settings differently
     monkeypatch.setattr(cost, 'per_step', lambda scene, setting, **_: price)
     scene = solver.load_scene('spring_mass', ['duration=0.3', 'require={joint_states/guide/position: {rms: 5 %}}'])
@@ -88,7 +92,9 @@ def test_an_interrupted_plan_goes_on_and_ends_as_one_that_was_not(tmp_path: Path
         plan(Search(scene, **settings, progress=interrupt, keep_in=tmp_path))
     there, made = {file.name for file in tmp_path.iterdir()}, []
     plain = bench.run
-    monkeypatch.setattr(bench, 'run', lambda scene, *given, **more: made.append(given[0]) or plain(scene, *given, **more))
+    monkeypatch.setattr(
+        bench, 'run', lambda scene, *given, **more: made.append(given[0]) or plain(scene, *given, **more)
+    )
     search = Search(scene, **settings, keep_in=tmp_path)
     data = plan(search)
     assert search.kept.found >= len(there) > 10

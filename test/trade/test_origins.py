@@ -24,7 +24,8 @@ duration: 2
 
 
 def test_the_step_of_an_oscillator_costs_its_phase_and_the_model_nothing() -> None:
-    """Of the generalized-alpha scheme with rho_inf 1, the midpoint rule, a phase of (w h)^3 / 12 a step: t w^3 h^2 / 12 in all."""
+    """Of the generalized-alpha scheme with rho_inf 1, the midpoint rule, a phase of (w h)^3 / 12 a step: t w^3 h^2 / 12
+    in all."""
     scene = load_scene_text(OSCILLATOR, 'scene', ['integrator={h: 0.004, rho_inf: 1}'])
     (found,) = origins_of(scene).values()
     late = 2.0 * 20.0**3 * 0.004**2 / 12.0
@@ -35,7 +36,9 @@ def test_the_step_of_an_oscillator_costs_its_phase_and_the_model_nothing() -> No
     assert max(iteration, band) < 0.01 * step
 
 
-@pytest.mark.parametrize('setting', ['order: 4, rho_inf: 1', 'step_policy: error, mode: tolerance', 'kind: reference_kkt'])
+@pytest.mark.parametrize(
+    'setting', ['order: 4, rho_inf: 1', 'step_policy: error, mode: tolerance', 'kind: reference_kkt']
+)
 def test_settings_that_a_bench_does_not_have_are_refused(setting: str) -> None:
     with pytest.raises(SpecError, match='errors by origin are those of constant steps of second order'):
         origins_of(load_scene_text(OSCILLATOR, 'scene', [f'integrator={{h: 0.004, {setting}}}']))

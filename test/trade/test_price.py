@@ -48,8 +48,8 @@ def priced(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_runs_are_counted_by_what_they_are_made_for(priced: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """The reference takes three steps, and one run on each corner; its second formulation two; an unseen maneuver one run of
-    the reference and one of the setting, from a start each of its model."""
+    """The reference takes three steps, and one run on each corner; its second formulation two; an unseen maneuver one
+    run of the reference and one of the setting, from a start each of its model."""
     sought: list[Setting] = []
     plain = benches.simulation_of
     monkeypatch.setattr(benches, 'simulation_of', lambda scene: sought.append(scene.fidelity) or plain(scene))
@@ -67,7 +67,9 @@ def test_runs_are_counted_by_what_they_are_made_for(priced: list[str], monkeypat
     assert sum(spent.cpu for spent in search.ledger.spent.values()) > 0.0
 
 
-@pytest.mark.parametrize('way', [Setting(h=4e-3), Setting(h=2e-3, iterations=2, rho_inf=0.5), Setting(h=8e-3, iterations=1)])
+@pytest.mark.parametrize(
+    'way', [Setting(h=4e-3), Setting(h=2e-3, iterations=2, rho_inf=0.5), Setting(h=8e-3, iterations=1)]
+)
 @pytest.mark.parametrize('v', [AS_GIVEN, CORNERS[0]])
 def test_a_shared_start_changes_no_bit(way: Setting, v: Any) -> None:
     scene = solver.load_scene('light_car_step_steer', SHORT)
@@ -88,12 +90,14 @@ def test_settings_of_a_level_are_those_that_it_is_derived_with(level: Any, way: 
 
 
 def test_a_setting_of_the_full_vehicle_is_not_held_against_itself() -> None:
-    """With limits as wide as these the run with 16 ms would do as reference for what a level does, and for 4 ms it would not."""
+    """With limits as wide as these the run with 16 ms would do as reference for what a level does, and for 4 ms it
+    would not."""
     search = guided()
     assert elsewhere.chosen(search.bench, Setting(level='kc', h=1e-3))[-1].h > 2e-3
     for h in (0.02, 8e-3, 4e-3):
         assert all(one.h <= 0.5 * h for one in elsewhere.chosen(search.bench, Setting(h=h, iterations=1)))
-    assert elsewhere.chosen(search.bench, Setting(h=1e-3, iterations=1)) == ()  # the limit of the two finest steps, as far as it goes
+    # the limit of the two finest steps, as far as it goes
+    assert elsewhere.chosen(search.bench, Setting(h=1e-3, iterations=1)) == ()
 
 
 def test_references_are_tried_cheapest_first() -> None:
@@ -120,7 +124,8 @@ def test_ten_full_runs_end_a_plan_and_time_does(monkeypatch: pytest.MonkeyPatch)
     at(50.0, 30.0)
     assert (found.spent, found.late()) == (0.5, False)  # what the full run takes is not known
     found.full_run = 3.0
-    assert found.spent == pytest.approx((1.0 + 30.0 - 7.0) / 30.0)  # start of the program in, what is kept for the vehicle out
+    # start of the program in, what is kept for the vehicle out
+    assert found.spent == pytest.approx((1.0 + 30.0 - 7.0) / 30.0)
     found.until = 0.7
     assert found.late() and 'times the CPU time of the full run' in found.why_ended()
     at(101.0, 8.0)
@@ -131,7 +136,8 @@ def test_ten_full_runs_end_a_plan_and_time_does(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_plan_ends_at_ten_full_runs_and_says_what_it_knows(priced: list[str]) -> None:
-    """Of a program that takes no time to start a full run of 0.3 s takes some 10 ms: a plan cannot be made of ten of those."""
+    """Of a program that takes no time to start a full run of 0.3 s takes some 10 ms: a plan cannot be made of ten of
+    those."""
     search = guided(times=1.0)
     data = plan(search)
     assert data['status'] == 'incomplete' and data['price']['full_runs'] >= 0.85
@@ -169,7 +175,9 @@ def test_another_scene_of_the_vehicle_begins_with_what_was_learned(priced: list[
 
 
 @pytest.mark.parametrize('what', ['vehicle', 'program', 'method'])
-def test_nothing_stale_is_learned_from(what: str, priced: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_stale_is_learned_from(
+    what: str, priced: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     first = guided(unseen=1, knowledge=tmp_path)
     plan(first)
     first.learn()
@@ -180,7 +188,9 @@ def test_nothing_stale_is_learned_from(what: str, priced: list[str], tmp_path: P
     assert other.knowledge.plans == 0 and not other.knowledge.prices() and not other.knowledge.derived
 
 
-def test_costs_of_another_processor_are_not_taken(priced: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_costs_of_another_processor_are_not_taken(
+    priced: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     first = guided(unseen=1, knowledge=tmp_path)
     plan(first)
     first.learn()
@@ -202,11 +212,12 @@ def test_runs_are_shared_whatever_is_required_of_the_scene(priced: list[str], tm
 
 
 def test_what_counts_of_a_band_is_the_next_one_of_a_falling_sequence() -> None:
-    """Bands of 1, 0.125 and 0.016 of a limit fall by eight: a quarter of the last one counts, where half as much is left to doubt. What is
-    rounding, and the first band, say nothing."""
+    """Bands of 1, 0.125 and 0.016 of a limit fall by eight: a quarter of the last one counts, where half as much is
+    left to doubt. What is rounding, and the first band, say nothing."""
     r, other = Requirement(GUIDE, 'rms', 0.01, True), Requirement(GUIDE, 'max', 0.01, True)
     assert falls({r: 0.125}, {r: 1.0}) == 0.25
-    assert falls({r: 0.125, other: 0.05}, {r: 1.0, other: 0.1}) == 1.0  # the slowest one counts, and what it says is nothing
+    # the slowest one counts, and what it says is nothing
+    assert falls({r: 0.125, other: 0.05}, {r: 1.0, other: 0.1}) == 1.0
     assert falls({r: 0.125, other: 1e-6}, {r: 1.0, other: 1e-6}) == 0.25
     assert falls({r: 0.125}, {}) == falls({r: 2.0}, {r: 1.0}) == 1.0
 
@@ -216,7 +227,9 @@ def test_the_limit_of_a_car_is_nearer_to_that_of_shorter_steps_than_what_counts_
     """With steps of 8, 4 and 2 ms, beside those of a quarter."""
     scene = solver.load_scene('light_car_step_steer', ['duration=1', 'maneuver.steering.start=0.2'])
     bench = Bench(scene, ('yaw_rate', 'sideslip_velocity', 'wheel_load.front_left'), (8e-3, 4e-3, 2e-3))
-    coarse, finest = (limit_of(bench, AS_GIVEN, converging(FULL, steps)) for steps in ((1.6e-2, 8e-3, 4e-3), (2e-3, 1e-3, 5e-4)))
+    coarse, finest = (
+        limit_of(bench, AS_GIVEN, converging(FULL, steps)) for steps in ((1.6e-2, 8e-3, 4e-3), (2e-3, 1e-3, 5e-4))
+    )
     found = limit_of(bench, AS_GIVEN, converging(FULL, bench.steps))
     for name, error in finest.errors(found.as_run).items():
         one = Requirement(name, 'rms', 1.0, False)
@@ -224,12 +237,16 @@ def test_the_limit_of_a_car_is_nearer_to_that_of_shorter_steps_than_what_counts_
         assert error.rms <= falls(*shares) * found.band[name].rms, name
 
 
-@pytest.mark.parametrize(('asked', 'passed', 'status'), [(None, 2, 'incomplete'), (None, 7, 'incomplete'), (None, 8, 'ok'), (2, 2, 'ok')])
+@pytest.mark.parametrize(
+    ('asked', 'passed', 'status'), [(None, 2, 'incomplete'), (None, 7, 'incomplete'), (None, 8, 'ok'), (2, 2, 'ok')]
+)
 def test_a_certificate_rests_on_eight_passes_at_least(
     asked: int | None, passed: int, status: str, priced: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Braking on split friction with 4 ms passed two other maneuvers and failed on the fourth."""
-    monkeypatch.setattr(Search, 'check_unseen', lambda self, setting: [Check(inside(k), 0.5, '', '') for k in range(passed)])
+    monkeypatch.setattr(
+        Search, 'check_unseen', lambda self, setting: [Check(inside(k), 0.5, '', '') for k in range(passed)]
+    )
     data = plan(guided(unseen=asked))
     assert (data['status'], data['unseen']['passed']) == (status, passed)
     if status != 'ok':

@@ -24,9 +24,11 @@ def converged(scene: Scene, base: Setting, names: list[str]) -> Reference:
 
 
 def test_the_limit_of_a_pendulum_is_that_of_an_independent_integrator() -> None:
-    """Steps of 4, 2 and 1 ms extrapolated, beside an explicit method on dense equations to 1e-12; the band bounds the difference.
+    """Steps of 4, 2 and 1 ms extrapolated, beside an explicit method on dense equations to 1e-12; the band bounds the
+    difference.
 
-    The extrapolation leaves errors of the fourth power of the step; the band is that of the pair before, sixteen times as large.
+    The extrapolation leaves errors of the fourth power of the step; the band is that of the pair before, sixteen times
+    as large.
     """
     scene = solver.load_scene('pendulum', ['duration=1'])
     found = converged(scene, Setting(rho_inf=0.9, tolerance=1e-12), [ANGLE])
@@ -74,7 +76,12 @@ def test_a_setting_is_what_it_says_in_a_scene() -> None:
     scene = solver.load_scene('car_step_steer', ['integrator.penalty=1e7'])
     found = Setting(level='kc', off=('drag',), h=5e-3, iterations=2, rho_inf=0.5).of(scene)
     assert (found.fidelity, found.switches) == ('kc', {'drag': 'off'})
-    assert (found.integrator.h, found.integrator.mode, found.integrator.iterations, found.integrator.rho_inf) == (5e-3, 'fixed', 2, 0.5)
+    assert (found.integrator.h, found.integrator.mode, found.integrator.iterations, found.integrator.rho_inf) == (
+        5e-3,
+        'fixed',
+        2,
+        0.5,
+    )
     assert found.integrator.penalty == 1e7
     assert Setting().of(scene).integrator.mode == 'tolerance'
     assert str(baseline(scene)) == 'full, 1 ms, 2 iterations, rho 0.8'
@@ -85,7 +92,9 @@ def test_a_reference_iterates_as_often_as_it_takes() -> None:
     """A scene that allows one iteration would be its own reference, and the error of its iteration nothing."""
     few, many = (
         run(
-            solver.load_scene('light_car_step_steer', ['duration=0.4', 'maneuver.steering.start=0.1', *more]), Setting(h=4e-3), ['yaw_rate']
+            solver.load_scene('light_car_step_steer', ['duration=0.4', 'maneuver.steering.start=0.1', *more]),
+            Setting(h=4e-3),
+            ['yaw_rate'],
         )
         for more in (['integrator.max_iterations=1'], [])
     )

@@ -38,9 +38,11 @@ def priced(scene: Scene, setting: Setting, **_: object) -> PerStep:
     return PerStep(part * 14e-6, part * 5e-6, 1.0, 3.0)
 
 
-def searched(*requirements: str, unseen: int = 3, longest: float = 600.0, untils: dict[str, float] | None = None) -> tuple[dict, Search]:
-    """A plan of the full light car with these requirements, costs of a step being what they are on a quiet machine. untils: takes for what
-    was said, by its first word, the share of its time that the search might have taken then."""
+def searched(
+    *requirements: str, unseen: int = 3, longest: float = 600.0, untils: dict[str, float] | None = None
+) -> tuple[dict, Search]:
+    """A plan of the full light car with these requirements, costs of a step being what they are on a quiet machine.
+    untils: takes for what was said, by its first word, the share of its time that the search might have taken then."""
     scene = solver.load_scene('light_car_step_steer', [*SHORT, *requirements])
     at = {} if untils is None else untils
     search = Search(
@@ -60,7 +62,11 @@ def test_a_plan_keeps_its_limits_with_margin_and_is_checked_elsewhere() -> None:
     untils: dict[str, float] = {}
     data, search = searched('require={yaw_rate: {rms: 2 %}, position: {max: 0.1 m}}', untils=untils)
     # as long as nothing is found the search may take of the time for the checks
-    assert (untils['reference'], untils['what'], untils['checking']) == (pytest.approx(0.85), pytest.approx(0.8), pytest.approx(0.95))
+    assert (untils['reference'], untils['what'], untils['checking']) == (
+        pytest.approx(0.85),
+        pytest.approx(0.8),
+        pytest.approx(0.95),
+    )
     assert (data['status'], data['fidelity']) == ('ok', 'full')
     assert data['settings']['integrator']['h'] >= 4e-3
     assert data['unseen'] | {'ranges': None, 'largest': None} == {
@@ -69,7 +75,9 @@ def test_a_plan_keeps_its_limits_with_margin_and_is_checked_elsewhere() -> None:
     assert 0.0 < data['cost_ratio'] < 0.5
     for measures in data['errors'].values():
         for error in measures.values():
-            assert error['sum'] == pytest.approx(error['model'] + error['step'] + error['iteration'] + error['reference'])
+            assert error['sum'] == pytest.approx(
+                error['model'] + error['step'] + error['iteration'] + error['reference']
+            )
             assert error['sum'] <= error['limit']
             assert error['model'] == 0.0
     assert 0.0 < data['largest_error'] <= 1.0 - MARGIN
@@ -143,7 +151,8 @@ def test_what_is_not_finite_is_null() -> None:
 
 
 def test_of_settings_that_were_dropped_the_one_that_kept_the_limits_longest_is_nearest() -> None:
-    """Errors grow: 1.2 of the limit after half of the maneuver is further away than 2 at its end; what failed is not near at all."""
+    """Errors grow: 1.2 of the limit after half of the maneuver is further away than 2 at its end; what failed is not
+    near at all."""
     tried = [Verdict(Setting(h=h), used, 1.0, '', 'too large', {}, part=part) for h, used, part in (
         (4e-3, 1.2, 0.5), (2e-3, 3.0, 1.0), (1e-3, 2.0, 1.0), (5e-4, math.inf, 1.0)
     )]  # fmt: skip
@@ -153,9 +162,12 @@ def test_of_settings_that_were_dropped_the_one_that_kept_the_limits_longest_is_n
 
 
 def test_what_has_to_give_says_why_a_setting_that_keeps_its_bounds_was_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its bounds take 0.6 of the limit, its error on an unseen maneuver 1.8 of it: where a tenth stays free, the limit has to be twice as
-    large, and not 0.67 times. The maneuver that it passed behind that one has nothing to do with it."""
-    search = Search(solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 2 %}, roll: {rms: 9 %}}']), longest=6000.0)
+    """Its bounds take 0.6 of the limit, its error on an unseen maneuver 1.8 of it: where a tenth stays free, the limit
+    has to be twice as large, and not 0.67 times. The maneuver that it passed behind that one has nothing to do with
+    it."""
+    search = Search(
+        solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 2 %}, roll: {rms: 9 %}}']), longest=6000.0
+    )
     best = Verdict(Setting(h=8e-3, iterations=1), 0.6, 1.0, 'yaw_rate rms', '', {}, 0.5)
     found = [Check(inside(0), 1.8, 'yaw_rate rms', ''), Check(inside(1), 0.1, 'roll rms', '')]
 
@@ -179,7 +191,9 @@ def test_what_has_to_give_says_why_a_setting_that_keeps_its_bounds_was_dropped(m
     ]
 
 
-def test_steps_of_candidates_go_down_to_an_eighth_of_the_finest_of_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_of_candidates_go_down_to_an_eighth_of_the_finest_of_the_reference(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     search = Search(solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 2 %}}']), longest=60.0)
     search.bench = dataclasses.replace(search.bench, steps=(4e-3, 2e-3, 1e-3))
     monkeypatch.setattr(cost, 'per_step', priced)
@@ -187,11 +201,14 @@ def test_steps_of_candidates_go_down_to_an_eighth_of_the_finest_of_the_reference
 
 
 def test_a_level_with_a_step_of_its_own_is_tried_once_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It makes no iterations: six settings of one step are one and the same run. Others have three iterations and two dampings."""
+    """It makes no iterations: six settings of one step are one and the same run. Others have three iterations and two
+    dampings."""
     scene = solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 2 %}}'])
     search = Search(scene, longest=60.0)
     monkeypatch.setattr(cost, 'per_step', priced)
-    monkeypatch.setattr(search_module, 'derived', lambda _, m: SimpleNamespace(engine=object() if m.level == 'single_track' else None))
+    monkeypatch.setattr(
+        search_module, 'derived', lambda _, m: SimpleNamespace(engine=object() if m.level == 'single_track' else None)
+    )
     found = search.candidates([Setting(), Setting(level='single_track')])
     steps = {s.h for s in found}
     assert sorted(s.h for s in found if s.level == 'single_track') == sorted(steps)
@@ -200,8 +217,8 @@ def test_a_level_with_a_step_of_its_own_is_tried_once_a_step(monkeypatch: pytest
 
 @pytest.mark.slow
 def test_a_maneuver_is_not_counted_as_unseen_again_and_again() -> None:
-    """Nothing in Andrews' mechanism can be varied: 24 runs of one and the same motion prove nothing, not even once. It turns by radians in
-    4 ms, in which no run comes to its end: reference and costs are those of shorter steps."""
+    """Nothing in Andrews' mechanism can be varied: 24 runs of one and the same motion prove nothing, not even once. It
+    turns by radians in 4 ms, in which no run comes to its end: reference and costs are those of shorter steps."""
     scene = solver.load_scene('andrews', ['duration=0.01', 'require={joint_states/O/position: {max: 1.0}}'])
     search = Search(scene, workers=1, longest=60.0, levels=())
     data = plan(search)
@@ -225,16 +242,20 @@ def test_unseen_maneuvers_of_a_driver_who_keeps_his_path_differ_in_what_there_is
 @pytest.mark.slow
 def test_what_makes_a_coarse_run_suspect_is_measured() -> None:
     """A step of 20 ms does not resolve how the steering wheel swings on its column, one of 1 ms does."""
-    bench = Search(solver.load_scene('light_car_step_steer', [*SHORT, 'require={yaw_rate: {rms: 2 %}}']), workers=1, levels=()).bench
+    bench = Search(
+        solver.load_scene('light_car_step_steer', [*SHORT, 'require={yaw_rate: {rms: 2 %}}']), workers=1, levels=()
+    ).bench
     coarse = findings_of(bench, AS_GIVEN, Setting(h=0.02, iterations=2))
     assert [f.quantity for f in coarse] == ['resolution'] and "'steering_wheel'" in coarse[0].text
     assert findings_of(bench, AS_GIVEN, Setting(h=1e-3, iterations=2)) == ()
 
 
 @pytest.mark.slow
-def test_a_setting_whose_run_is_not_sound_is_not_taken_however_small_its_errors_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No run of a car has constraints that are closed to 1e-30 m. Straight ahead half of the least yaw rate is a wide limit, and the plan
-    says what it is a share of."""
+def test_a_setting_whose_run_is_not_sound_is_not_taken_however_small_its_errors_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """No run of a car has constraints that are closed to 1e-30 m. Straight ahead half of the least yaw rate is a wide
+    limit, and the plan says what it is a share of."""
     more = ['maneuver.steering.value=0', 'require={yaw_rate: {rms: 50 %}, position_drift_max: 1.0e-30}']
     search = Search(solver.load_scene('light_car_step_steer', [*SHORT, *more]), workers=1, longest=math.inf, levels=())
     monkeypatch.setattr(cost, 'per_step', priced)
@@ -247,7 +268,9 @@ def test_a_setting_whose_run_is_not_sound_is_not_taken_however_small_its_errors_
     assert told.startswith(sentence) and ' is open (position_drift_max ' in told
     assert not judging.check_whole(search.bench, AS_GIVEN, verdict.setting).passed
     assert judging.check(search.bench, AS_GIVEN, verdict.setting).passed
-    assert still(search) == ['yaw_rate does not get beyond 0.01 rad/s in the maneuver of the scene; its percentages are of that']
+    assert still(search) == [
+        'yaw_rate does not get beyond 0.01 rad/s in the maneuver of the scene; its percentages are of that'
+    ]
 
 
 GUIDE = 'joint_states/guide/position'
@@ -255,7 +278,9 @@ GUIDE = 'joint_states/guide/position'
 
 def guided(*requirements: str) -> Search:
     """The search of a mass on a spring."""
-    return Search(solver.load_scene('spring_mass', ['duration=0.3', *requirements]), unseen=1, workers=1, longest=600.0, levels=())
+    return Search(
+        solver.load_scene('spring_mass', ['duration=0.3', *requirements]), unseen=1, workers=1, longest=600.0, levels=()
+    )
 
 
 def test_what_is_required_of_the_speed_of_every_run_is_required_of_a_plan() -> None:
@@ -266,7 +291,9 @@ def test_what_is_required_of_the_speed_of_every_run_is_required_of_a_plan() -> N
 
 def test_of_what_keeps_nothing_it_is_not_said_that_it_is_only_too_slow(monkeypatch: pytest.MonkeyPatch) -> None:
     search = guided(f'require={{{GUIDE}: {{rms: 5 %}}}}', 'budget.real_time_factor=1e9')
-    search.tried = [Verdict(Setting(h=8e-3, iterations=1), 3.0, 1.0, f'{GUIDE} rms', f'{GUIDE} rms: 3 of its limit', {})]
+    search.tried = [
+        Verdict(Setting(h=8e-3, iterations=1), 3.0, 1.0, f'{GUIDE} rms', f'{GUIDE} rms: 3 of its limit', {})
+    ]
     monkeypatch.setattr(search, 'find', lambda: None)
     monkeypatch.setattr(search, 'costs', lambda setting: (Cost(1.0, 1.0), Cost(1.0, 1.0)))
     data = plan(search)
@@ -275,7 +302,8 @@ def test_of_what_keeps_nothing_it_is_not_said_that_it_is_only_too_slow(monkeypat
 
 
 def test_a_delay_counts_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    """After a quarter of the maneuver the curves may not be alike enough for one; no number is that then, and no reason."""
+    """After a quarter of the maneuver the curves may not be alike enough for one; no number is that then, and no
+    reason."""
     bench = guided(f'require={{{GUIDE}: {{delay: 1 ms}}}}').bench
     error = lambda found: math.inf if found.time[-1] < 0.1 else 0.0  # noqa: E731
     monkeypatch.setattr(judging, 'against', lambda bench, _, found: dict.fromkeys(bench.requirements, error(found)))
@@ -288,7 +316,10 @@ def test_the_band_of_a_delay_does_not_grow_with_the_peak() -> None:
     found = SimpleNamespace(band={GUIDE: Departure(0.1, 0.1, 2.0, 0.01)}, peaks={GUIDE: 2.0})
     bench.made['limit', AS_GIVEN, converging(FULL, bench.steps)] = found
     bench.made['limit', other, converging(FULL, bench.steps[1:])] = SimpleNamespace(peaks={GUIDE: 4.0})
-    assert {r.measure: band for r, band in judging.bands_of(bench, other).items()} == {'max': pytest.approx(0.2), 'delay': 0.01}
+    assert {r.measure: band for r, band in judging.bands_of(bench, other).items()} == {
+        'max': pytest.approx(0.2),
+        'delay': 0.01,
+    }
 
 
 def test_a_limit_that_every_run_keeps_is_told() -> None:
@@ -327,8 +358,11 @@ def test_what_is_found_behind_a_failed_check_has_all_the_time_for_its_own(monkey
     assert data['status'] == 'ok'
 
 
-def test_a_step_whose_own_error_is_too_large_is_not_raced_with_other_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
-    """4 ms is a step of the reference, so what it is off by when iterated to tolerance is known: far more than 1e-5 of the peak."""
+def test_a_step_whose_own_error_is_too_large_is_not_raced_with_other_iterations(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """4 ms is a step of the reference, so what it is off by when iterated to tolerance is known: far more than 1e-5 of
+    the peak."""
     more = [*SHORT, 'require={yaw_rate: {rms: 0.001 %}}']
     bench = Search(solver.load_scene('light_car_step_steer', more), workers=1, longest=math.inf, levels=()).bench
     truth = truth_of(bench, AS_GIVEN)
@@ -344,12 +378,17 @@ def test_a_reference_that_a_second_formulation_does_not_confirm_is_none(monkeypa
     """2 % are required where the two are 5 % apart."""
 
     def apart(bench, steps):
-        return {name: Departure(0.05 * peak, 0.05 * peak, peak, 0.0) for name, peak in truth_of(bench, AS_GIVEN).peaks.items()}
+        return {
+            name: Departure(0.05 * peak, 0.05 * peak, peak, 0.0)
+            for name, peak in truth_of(bench, AS_GIVEN).peaks.items()
+        }
 
     monkeypatch.setattr(search_module, 'second_of', apart)
     data, _ = searched('require={yaw_rate: {rms: 2 %}}', unseen=1)
     assert (data['status'], data['settings']) == ('no', None)
-    assert data['give'] == ['yaw_rate rms: the reference is not confirmed, a second formulation departs from it by 2.5 of the limit']
+    assert data['give'] == [
+        'yaw_rate rms: the reference is not confirmed, a second formulation departs from it by 2.5 of the limit'
+    ]
 
 
 HIDDEN = """
@@ -372,12 +411,15 @@ require: {joint_states/inner/position: {rms: 50 %}}
 
 @pytest.mark.slow
 def test_what_the_reference_damps_away_is_not_covered() -> None:
-    """3 kHz, 2.4 rad in the shortest step of a reference (0.125 ms): all steps agree that nothing is left of it after some ten of them. It
-    never ends, so a run that has lost it is wrong by 0.7 of the amplitude, more than is allowed."""
+    """3 kHz, 2.4 rad in the shortest step of a reference (0.125 ms): all steps agree that nothing is left of it after
+    some ten of them. It never ends, so a run that has lost it is wrong by 0.7 of the amplitude, more than is
+    allowed."""
     search = Search(load_scene_text(HIDDEN), workers=1, unseen=1, longest=600.0, levels=())
     data = plan(search)
     assert search.bench.steps == STEP_SETS[-1]
     assert 'resolution' in search.coarse
     assert not {'resolution', 'phase'} & {finding['quantity'] for finding in data['findings']}
-    assert any('the reference itself (0.125 ms) has it: Fewer than 10 steps per oscillation' in note for note in data['notes'])
+    assert any(
+        'the reference itself (0.125 ms) has it: Fewer than 10 steps per oscillation' in note for note in data['notes']
+    )
     assert any('is suspect all the same' in note and 'steps per oscillation' in note for note in data['notes'])

@@ -62,7 +62,10 @@ def test_brakes_are_scaled_where_nobody_steers_and_the_slippery_strip_changes_si
 
 def test_a_torque_at_the_steering_wheel_is_scaled_and_mirrored_and_the_drive_stays() -> None:
     """Its amplitude is what the ranges of a certificate speak of, not that of the drive."""
-    more = ['actuation={steering: torque}', 'maneuver={drive_torque: 100, signals: {steering_torque: {kind: step, value: 3}}}']
+    more = [
+        'actuation={steering: torque}',
+        'maneuver={drive_torque: 100, signals: {steering_torque: {kind: step, value: 3}}}',
+    ]
     scene = solver.load_scene('light_car_step_steer', more)
     found = varied(scene, Variation(amplitude=0.9, direction=-1))
     assert signal(found.maneuver.signals['steering_torque']).jet(T).value[-1] == pytest.approx(-0.9 * 3.0)
@@ -98,7 +101,10 @@ def test_points_lie_inside_the_ranges_differ_and_come_to_both_sides() -> None:
 def test_a_circle_is_driven_the_other_way_round_and_a_kept_speed_is_another_one() -> None:
     scene = solver.load_scene(
         'light_car_straight',
-        ['maneuver={driver: {path: {kind: circle, radius: 80}}, speed: {target: {kind: ramp, initial: 8, slope: 0.5}}}'],
+        [
+            'maneuver={driver: {path: {kind: circle, radius: 80}}, speed: {target: {kind: ramp, initial: 8, slope: '
+            '0.5}}}'
+        ],
     )
     found = varied(scene, Variation(speed=1.05, direction=-1)).maneuver
     assert found.driver.path.radius == -80.0
@@ -111,7 +117,8 @@ def test_a_circle_is_driven_the_other_way_round_and_a_kept_speed_is_another_one(
     [
         ('light_car_step_steer', {'road': 0}, {'amplitude', 'speed', 'friction'}),  # on a plane
         ('car_split_mu_brake', {'road': 0}, {'amplitude', 'speed', 'friction'}),
-        ('light_car_lane_change', {'amplitude': 1.0, 'direction': 1, 'road': 0}, {'speed', 'friction'}),  # a driver keeps his path
+        # a driver keeps his path
+        ('light_car_lane_change', {'amplitude': 1.0, 'direction': 1, 'road': 0}, {'speed', 'friction'}),
         ('slider_crank', AS_GIVEN._replace(speed=0.95)._asdict(), {'speed'}),
         ('andrews', AS_GIVEN._asdict(), set()),  # a torque of its mechanism turns it
     ],
@@ -139,7 +146,9 @@ def test_a_mechanism_begins_faster_or_is_driven_further_and_one_at_rest_falls_fa
     turning = [b.angular_velocity for b in varied(top, Variation(speed=0.9)).model.bodies]
     assert turning == [pytest.approx(0.9 * np.array(b.angular_velocity)) for b in top.model.bodies]
     four_bar = solver.load_scene('four_bar')
-    assert varied(four_bar, Variation(amplitude=0.8, speed=0.9)).maneuver.channels['motor'].slope == pytest.approx(0.8 * math.tau)
+    assert varied(four_bar, Variation(amplitude=0.8, speed=0.9)).maneuver.channels['motor'].slope == pytest.approx(
+        0.8 * math.tau
+    )
     assert ranges_of(four_bar) == {'amplitude': RANGES['amplitude']}
     pendulum = solver.load_scene('pendulum')  # its motion is the same in 1 / 0.9 of the time
     assert varied(pendulum, Variation(speed=0.9)).model.gravity == (0.0, pytest.approx(-9.81 * 0.81), 0.0)

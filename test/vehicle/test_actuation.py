@@ -1,4 +1,5 @@
-"""Vehicles actuated otherwise: torques of single wheels, a torque at the steering wheel, an angle of the road wheels, actuators."""
+"""Vehicles actuated otherwise: torques of single wheels, a torque at the steering wheel, an angle of the road wheels,
+actuators."""
 
 from __future__ import annotations
 
@@ -41,16 +42,21 @@ def test_what_is_off_is_not_there():
     assert plain == same
     wheels = load_scene(LIGHT, ['actuation.wheels=true']).model
     assert wheels.inputs[: len(plain.inputs)] == plain.inputs
-    assert set(wheels.inputs[len(plain.inputs) :]) == {f'{kind}_torque_{t.name}' for t in plain.tires for kind in ('drive', 'brake')}
+    assert set(wheels.inputs[len(plain.inputs) :]) == {
+        f'{kind}_torque_{t.name}' for t in plain.tires for kind in ('drive', 'brake')
+    }
 
 
 def test_shares_of_the_sum_are_torques_of_the_wheels():
-    """Braked by the shares one by one, the car moves as braked by the sum: the same capacities, bit for bit; so does the driven one."""
+    """Braked by the shares one by one, the car moves as braked by the sum: the same capacities, bit for bit; so does
+    the driven one."""
     both = simulation('actuation.wheels=true')
     shares = {b.name.removeprefix('brake_'): b.gain for b in both.model.spec.brakes}
     braked = both.advance(100, held(both, brake_torque=1500.0)).numbers.copy()
     both.reset()
-    one_by_one = both.advance(100, held(both, **{f'brake_torque_{wheel}': share * 1500.0 for wheel, share in shares.items()}))
+    one_by_one = both.advance(
+        100, held(both, **{f'brake_torque_{wheel}': share * 1500.0 for wheel, share in shares.items()})
+    )
     at = [i for i, name in enumerate(both.channels.inputs) if name.startswith('brake')]
     assert one_by_one.inputs[at].sum() == pytest.approx(1500.0)
     both.reset()
@@ -74,7 +80,8 @@ def test_a_brake_of_a_wheel_takes_from_its_share():
 
 
 def test_torques_of_a_differential_yaw_the_car():
-    """Torque vectoring: 300 N m forth at the right, back at the left, turn the car to the left with 2 M/r * half the track about."""
+    """Torque vectoring: 300 N m forth at the right, back at the left, turn the car to the left with 2 M/r * half the
+    track about."""
     sim = simulation('actuation.wheels=true')
     snapshot = sim.advance(300, held(sim, drive_torque_rear_left=-300.0, drive_torque_rear_right=300.0))
     assert snapshot.twist[sim.channels.chassis, 5] > 0.01
@@ -97,7 +104,11 @@ def test_a_wheel_is_driven_at_its_own_shaft_whatever_else_is_called_alike():
         brakes=tuple(dataclasses.replace(b, coordinate=other(b.coordinate)) for b in model.brakes),
         coordinate_forces=tuple(dataclasses.replace(f, terms=tuple((other(n), x) for n, x in f.terms)) for f in forces),
     )
-    drives = {f.name: f.terms[0][0] for f in actuated(model, Actuation(wheels=True)).coordinate_forces if f.name.startswith('drive_')}
+    drives = {
+        f.name: f.terms[0][0]
+        for f in actuated(model, Actuation(wheels=True)).coordinate_forces
+        if f.name.startswith('drive_')
+    }
     assert drives == {
         f'drive_{axle}_{side}': f'{"shaft" if axle == "mid_rear" else "wheel"}_{axle}_{side}'
         for axle in named.values()
@@ -106,19 +117,28 @@ def test_a_wheel_is_driven_at_its_own_shaft_whatever_else_is_called_alike():
 
 
 def test_the_torque_of_a_driven_wheel_ends_at_the_top_speed_of_its_drive():
-    """On ice, with 1000 N m at either wheel in front: they spin up to the limiter of the car, not beyond. Hub motors behind have none."""
+    """On ice, with 1000 N m at either wheel in front: they spin up to the limiter of the car, not beyond. Hub motors
+    behind have none."""
     overrides = ('actuation.wheels=true', 'road={friction: 0.1}', 'start.speed=5', 'maneuver={}')
     sim = simulation(*overrides)
     top = {f.name: f.top_rate for f in sim.model.spec.coordinate_forces if f.name.startswith('drive_')}
     limit = next(f.top_rate for f in sim.model.spec.coordinate_forces if f.input == 'drive_torque')
-    assert top == {'drive_front_left': limit, 'drive_front_right': limit, 'drive_rear_left': None, 'drive_rear_right': None}
-    snapshot = sim.advance(round(1.5 / sim.h), held(sim, drive_torque_front_left=1000.0, drive_torque_front_right=1000.0))
+    assert top == {
+        'drive_front_left': limit,
+        'drive_front_right': limit,
+        'drive_rear_left': None,
+        'drive_rear_right': None,
+    }
+    snapshot = sim.advance(
+        round(1.5 / sim.h), held(sim, drive_torque_front_left=1000.0, drive_torque_front_right=1000.0)
+    )
     spins = snapshot.joint_velocity[[sim.channels.joints.index(f'wheel_front_{side}') for side in ('left', 'right')]]
     assert np.all(np.abs(spins) > 0.9 * limit) and np.all(np.abs(spins) < 1.01 * limit)
 
 
 def test_the_hand_torque_steers_like_the_hand():
-    """The torque that an imposed angle took, given as a torque, moves the wheel along that angle: same law, solved for the other side.
+    """The torque that an imposed angle took, given as a torque, moves the wheel along that angle: same law, solved for
+    the other side.
 
     Both runs are of second order, and the torque is held over steps: their difference falls with the step.
     """
@@ -145,7 +165,8 @@ def test_the_hand_torque_steers_like_the_hand():
 
 @pytest.mark.slow
 def test_road_wheels_stand_where_they_are_commanded():
-    """Between the nodes of the map, too: the bench steered by the mapped angle finds the road wheels there, to a ten thousandth."""
+    """Between the nodes of the map, too: the bench steered by the mapped angle finds the road wheels there, to a ten
+    thousandth."""
     model = load_scene('car_step_steer').model
     road = steering_map(model)
     wanted = np.array([-0.31, -0.05, 0.003, 0.12, 0.4])
@@ -182,7 +203,8 @@ def test_what_cannot_be_is_one_sentence(overrides, says):
 
 ACTUATED = ['actuation.actuators={steering: {lag: 0.05, dead_time: 0.01}, brake_torque: {lag: 0.1, rate_limit: 1.0e4}}']
 BRAKED = (
-    'maneuver={steering: {kind: sine, amplitude: 0.2, frequency: 1.0}, brake_torque: {kind: step, value: 2000, start: 0.05, rise: 0.01}}'
+    'maneuver={steering: {kind: sine, amplitude: 0.2, frequency: 1.0}, brake_torque: {kind: step, value: 2000, '
+    'start: 0.05, rise: 0.01}}'
 )
 
 

@@ -54,11 +54,12 @@ def test_design_position_closes_every_joint(name: str) -> None:
     assert np.abs(start.phi).max() < 1e-14
 
 
-# Counted by hand with ideal joints, rack and wheels included: chassis 6, wheel spins 4, rack against its elastic pinion 1, and
+# Counted by hand with ideal joints, rack and wheels included: chassis 6, wheel spins 4, rack against its elastic pinion
+# 1, and
 CASES = {
     'compact_fwd': 4,  # four travels (bump and roll of the beam are two)
-    # two travels in front, the differential's housing none; the axle on leaf hinges moves by 6, each hinge lets its half leaf move by 1 in
-    # the plane of its eye (4), and the propeller shaft turns against the elastic final drive (1)
+    # two travels in front, the differential's housing none; the axle on leaf hinges moves by 6, each hinge lets its
+    # half leaf move by 1 in the plane of its eye (4), and the propeller shaft turns against the elastic final drive (1)
     'pickup_awd': None,
     'electric_4wd': 4,
     'formula_student': 4,
@@ -90,18 +91,23 @@ def test_figures_lie_where_those_of_its_category_do(name: str) -> None:
     simulation = standing(scene(name))
     found = figures(simulation)
     ranges = typical_values(simulation.model.spec)
-    outside = {key: found[key] for key, where in ranges.items() if key in found and not where.low <= found[key] <= where.high}
+    outside = {
+        key: found[key] for key, where in ranges.items() if key in found and not where.low <= found[key] <= where.high
+    }
     assert outside == {}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', EVERY)
-@pytest.mark.parametrize('heading', [0, 90, 180, pytest.param(270, marks=pytest.mark.long)])  # 270 is the mirror image of 90
+# 270 is the mirror image of 90
+@pytest.mark.parametrize('heading', [0, 90, 180, pytest.param(270, marks=pytest.mark.long)])
 def test_cars_stand_on_a_slope_of_forty_percent(name: str, heading: int) -> None:
     """Braked, in all four directions: every tire loaded, its forces carrying the weight along and across the slope."""
     uphill = np.deg2rad(heading)
     normal = (-np.sin(SLOPE) * np.cos(uphill), -np.sin(SLOPE) * np.sin(uphill), np.cos(SLOPE))
-    simulation = Simulation(scene(name, f'road={{normal: {[float(x) for x in normal]}}}', 'maneuver={brake_torque: 6000}'))
+    simulation = Simulation(
+        scene(name, f'road={{normal: {[float(x) for x in normal]}}}', 'maneuver={brake_torque: 6000}')
+    )
     shot = simulation.advance(1)
     assert shot.tire[:, 2].min() > 0.0
     mass = sum(body.mass for body in simulation.model.spec.bodies)
@@ -109,7 +115,8 @@ def test_cars_stand_on_a_slope_of_forty_percent(name: str, heading: int) -> None
 
 
 def test_a_twist_beam_turns_about_its_pivots_in_bump_and_about_the_shear_centre_in_roll() -> None:
-    """The rates of camber and toe in roll are those of a rotation about the line from pivot to shear centre, to first order.
+    """The rates of camber and toe in roll are those of a rotation about the line from pivot to shear centre, to first
+    order.
 
     Ideal joints; the torsion spring then makes the roll stiffness alone what the coil springs do not.
     """
@@ -129,8 +136,8 @@ def test_a_twist_beam_turns_about_its_pivots_in_bump_and_about_the_shear_centre_
     camber = (high['camber'][0] - low['camber'][0]) / (2 * step)
     assert steer == pytest.approx(-turned[0], rel=0.02)
     assert abs(camber) == pytest.approx(abs(turned[2]), rel=0.02)
-    # In a bend to the left the car rolls to the right, so the left wheel drops, by half the track per radian: the axle steers to the left,
-    # into the bend, which the figure counts as positive.
+    # In a bend to the left the car rolls to the right, so the left wheel drops, by half the track per radian: the axle
+    # steers to the left, into the bend, which the figure counts as positive.
     to_the_left = -turned[0] * -wheel[1]
     assert to_the_left > 0.0
     assert kinematic_figures(rig, step)['roll_steer_rear'] == pytest.approx(to_the_left, rel=0.02)
@@ -140,7 +147,8 @@ def test_a_twist_beam_turns_about_its_pivots_in_bump_and_about_the_shear_centre_
 
 
 def test_the_rate_of_a_leaf_spring_is_the_one_in_its_data() -> None:
-    """Wheel rate of the pickup's rear axle: leaf and tilted, fixed eyes; within the share that shackle and bushings take."""
+    """Wheel rate of the pickup's rear axle: leaf and tilted, fixed eyes; within the share that shackle and bushings
+    take."""
     data = car('pickup_awd')
     rear = data.axles[1].suspension
     assert isinstance(rear, LiveAxle) and rear.leaf is not None
@@ -163,23 +171,29 @@ def test_both_sides_may_be_given() -> None:
 
 
 def test_a_rear_rack_follows_the_steering_wheel() -> None:
-    """Rear steering against the front: per turn of the steering wheel the rack travels what the data say, and the wheels turn."""
+    """Rear steering against the front: per turn of the steering wheel the rack travels what the data say, and the
+    wheels turn."""
     data = car('formula_student')
     rear = data.axles[1]
     assert isinstance(rear.suspension, DoubleWishbone)
     inner = rear.suspension.tie_rod.inner
-    rack = FollowingRack(rack=Part(mass=0.8, com=(inner[0], 0.0, inner[2]), inertia=(0.01, 0.0004, 0.01)), per_turn=0.02)
+    rack = FollowingRack(
+        rack=Part(mass=0.8, com=(inner[0], 0.0, inner[2]), inertia=(0.01, 0.0004, 0.01)), per_turn=0.02
+    )
     steered = dataclasses.replace(data, axles=(data.axles[0], dataclasses.replace(rear, rack=rack)))
     angle = 0.5
     rig = Rig(car_model(steered))
     curves = rig.steering([angle])
     moved = 0.02 * angle / (2.0 * np.pi)
     arm = rear.suspension.steering_arm()  # of the toe link: negative, behind the axis
-    assert curves['rear_left']['steer'][0] - rig.steering([0.0])['rear_left']['steer'][0] == pytest.approx(moved / arm, rel=0.02)
+    assert curves['rear_left']['steer'][0] - rig.steering([0.0])['rear_left']['steer'][0] == pytest.approx(
+        moved / arm, rel=0.02
+    )
 
 
 def test_a_car_with_three_axles_drives() -> None:
-    """The pickup with a second, undriven live axle behind: all six tires carry, together the weight, and it rolls straight on."""
+    """The pickup with a second, undriven live axle behind: all six tires carry, together the weight, and it rolls
+    straight on."""
     data = car('pickup_awd')
     driven = data.axles[1]
     rear = driven.suspension
@@ -188,7 +202,9 @@ def test_a_car_with_three_axles_drives() -> None:
     def behind(point: tuple[float, ...]) -> tuple[float, float, float]:
         return point[0] - 1.1, point[1], point[2]
 
-    leaf = dataclasses.replace(rear.leaf, **{key: behind(getattr(rear.leaf, key)) for key in ('front_eye', 'rear_eye', 'seat', 'shackle')})
+    leaf = dataclasses.replace(
+        rear.leaf, **{key: behind(getattr(rear.leaf, key)) for key in ('front_eye', 'rear_eye', 'seat', 'shackle')}
+    )
     brake = dataclasses.replace(rear.brake, share=0.5 * rear.brake.share)
     tag = dataclasses.replace(
         rear, leaf=leaf, brake=brake, wheel=dataclasses.replace(rear.wheel, center=behind(rear.wheel.center)),
@@ -221,8 +237,8 @@ def test_cars_that_cannot_be(change, says: str) -> None:
 
 
 def test_a_limited_slip_takes_from_the_faster_output_what_it_gives_to_the_slower_one() -> None:
-    """Compact on ice at its right wheels, 12 N m s/rad: each output has half of the drive torque and that times the difference of their
-    speeds, one more and one less, so their torques differ by twice of it."""
+    """Compact on ice at its right wheels, 12 N m s/rad: each output has half of the drive torque and that times the
+    difference of their speeds, one more and one less, so their torques differ by twice of it."""
     changes = (
         'start.speed=5',
         'maneuver={drive_torque: 800}',

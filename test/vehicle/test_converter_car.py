@@ -1,4 +1,5 @@
-"""A car with a torque converter: stall by its K-factor, creeping, lock-up, an automatic gearbox, and the account of energy."""
+"""A car with a torque converter: stall by its K-factor, creeping, lock-up, an automatic gearbox, and the account of
+energy."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ NAMES = {
 
 def scene(maneuver: str, *changes: str, speed: float = 0.0, vehicle: str = 'compact_fwd') -> Scene:
     text = (
-        f'vehicle: vehicles/{vehicle}.yaml\nstart: {{kind: equilibrium, speed: {speed}}}\nintegrator: {{h: 0.002}}\nmaneuver: {maneuver}\n'
+        f'vehicle: vehicles/{vehicle}.yaml\nstart: {{kind: equilibrium, speed: {speed}}}\nintegrator: {{h: '
+        f'0.002}}\nmaneuver: {maneuver}\n'
     )
     return load_scene_text(text, 'converter', (*POWER, *changes))
 
@@ -40,12 +42,16 @@ def speed_of(simulation: Simulation) -> float:
 
 
 def test_at_stall_the_engine_turns_as_its_k_factor_says():
-    """Brakes on, full accelerator: K = 1 / sqrt(3.77e-3), and the engine turns K sqrt(200 N m); the turbine stands and gets twice
-    the torque, and the half shafts that times the gear. All power of the engine heats the oil. What is left after 4 s, some 40 time
-    constants J / (2 T / rate), is the yield of brakes and tires."""
+    """Brakes on, full accelerator: K = 1 / sqrt(3.77e-3), and the engine turns K sqrt(200 N m); the turbine stands and
+    gets twice the torque, and the half shafts that times the gear. All power of the engine heats the oil. What is left
+    after 4 s, some 40 time constants J / (2 T / rate), is the yield of brakes and tires."""
     simulation = Simulation(scene('{signals: {gear: 1, accelerator: 1.0}, brake_torque: 9000.0}'))
     simulation.advance(2000)
-    found, engine, clutch = outputs(simulation, 'converters'), outputs(simulation, 'engines'), outputs(simulation, 'clutches')
+    found, engine, clutch = (
+        outputs(simulation, 'converters'),
+        outputs(simulation, 'engines'),
+        outputs(simulation, 'clutches'),
+    )
     K = 3.77e-3**-0.5
 
     stall = K * np.sqrt(200.0)  # 2199 rpm, where the map says 200 N m
@@ -56,7 +62,11 @@ def test_at_stall_the_engine_turns_as_its_k_factor_says():
     names = simulation.channels.joints
     efforts = dict(zip(names, simulation.snapshot().joint_effort.tolist(), strict=True))
     assert efforts['output_shaft_front_left/angle'] == pytest.approx(0.5 * FIRST * FINAL * clutch['torque'], rel=1e-6)
-    assert found['dissipation'] == pytest.approx(-engine['dissipation'], rel=1e-3) == pytest.approx(200.0 * stall, rel=3e-3)
+    assert (
+        found['dissipation']
+        == pytest.approx(-engine['dissipation'], rel=1e-3)
+        == pytest.approx(200.0 * stall, rel=3e-3)
+    )
     assert abs(speed_of(simulation)) < 0.02
 
 
@@ -71,8 +81,8 @@ def test_without_pedals_it_creeps():
 
 @pytest.mark.slow
 def test_locked_up_nothing_slips_and_coasting_the_engine_brakes():
-    """At 25 m/s in fourth gear: the lock-up clutch carries all that the converter did, and is cooler by what that lost; without
-    accelerator the turbine drives the engine."""
+    """At 25 m/s in fourth gear: the lock-up clutch carries all that the converter did, and is cooler by what that lost;
+    without accelerator the turbine drives the engine."""
     at = 'start.speed=25.0'
     found = {}
     for locked in (0, 1):
@@ -94,13 +104,17 @@ def test_locked_up_nothing_slips_and_coasting_the_engine_brakes():
 @pytest.mark.slow
 @pytest.mark.parametrize('vehicle', ['compact_fwd', 'full_car'])
 def test_an_automatic_gearbox_starts_it_by_the_converter_and_the_account_closes(vehicle):
-    """From rest with full accelerator, into gears and lock-up: the losses of oil and clutches are named, and nothing else is missing."""
+    """From rest with full accelerator, into gears and lock-up: the losses of oil and clutches are named, and nothing
+    else is missing."""
     box = (
-        '{shift: {pedals: [0, 1], up_kmh: [[12, 45], [25, 85], [40, 125], [55, 165]], down_kmh: [[6, 28], [16, 60], [30, 95], [42, 135]], '
+        '{shift: {pedals: [0, 1], up_kmh: [[12, 45], [25, 85], [40, 125], [55, 165]], down_kmh: [[6, 28], [16, 60], '
+        '[30, 95], [42, 135]], '
         'launch: 0, lock_up: 16.7}}'
     )
     behind = () if vehicle == 'compact_fwd' else ('vehicle.engine.power.final=1', 'vehicle.driveline.top_speed=null')
-    simulation = Simulation(scene('{signals: {gear: 1, accelerator: 1.0}}', f'assistance={box}', *behind, vehicle=vehicle))
+    simulation = Simulation(
+        scene('{signals: {gear: 1, accelerator: 1.0}}', f'assistance={box}', *behind, vehicle=vehicle)
+    )
     column, lock = (simulation.model.spec.inputs.index(name) for name in ('gear', 'lock_up'))
     gears, locked, lost = [], [], 0.0
     for _ in range(250):
@@ -117,8 +131,9 @@ def test_an_automatic_gearbox_starts_it_by_the_converter_and_the_account_closes(
 
 
 def test_an_automatic_gearbox_begins_at_speed_in_the_gear_of_that_speed():
-    """At 25 m/s with little accelerator the last gear, 0.76, and locked up: the crankshaft turns 0.76 times 4.06 as fast as the wheels,
-    whose radius is between that under load and that without. In the first gear, 3.73, it would turn at 1240 rad/s, and found no start."""
+    """At 25 m/s with little accelerator the last gear, 0.76, and locked up: the crankshaft turns 0.76 times 4.06 as
+    fast as the wheels, whose radius is between that under load and that without. In the first gear, 3.73, it would turn
+    at 1240 rad/s, and found no start."""
     shifts = 'pedals: [0, 1], up: [[3, 12], [7, 24], [11, 35], [15, 46]], down: [[2, 8], [4, 17], [8, 26], [12, 37]]'
     box = f'{{shift: {{{shifts}, launch: 0, lock_up: 17}}}}'
     simulation = Simulation(scene('{signals: {gear: 1, accelerator: 0.2}}', f'assistance={box}', speed=25.0))

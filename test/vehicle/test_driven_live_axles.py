@@ -1,5 +1,6 @@
-"""Two driven live axles, each behind a propeller shaft: names and freedoms, what the housing carries, the share of each, and what connects
-them in a bend. Torques act at the differentials; test_powered_axles.py has engine and gearbox in front of them."""
+"""Two driven live axles, each behind a propeller shaft: names and freedoms, what the housing carries, the share of
+each, and what connects them in a bend. Torques act at the differentials; test_powered_axles.py has engine and gearbox
+in front of them."""
 
 from __future__ import annotations
 
@@ -29,10 +30,12 @@ def rolling(vehicle: dict[str, Any], speed: float, maneuver: dict[str, Any], *ch
     return Simulation(scene(vehicle, *changes, start=start, maneuver=maneuver, duration=30.0, **more))
 
 
-@pytest.mark.parametrize(('vehicle', 'dof'), [(off_roader(), 6 + 4 + 4 + 1 + 2), (truck(power=False), 6 + 6 + 6 + 1 + 2)])
+@pytest.mark.parametrize(
+    ('vehicle', 'dof'), [(off_roader(), 6 + 4 + 4 + 1 + 2), (truck(power=False), 6 + 6 + 6 + 1 + 2)]
+)
 def test_no_redundant_rows_and_the_degrees_of_freedom_counted_by_hand(vehicle: dict[str, Any], dof: int) -> None:
-    """Chassis 6, wheels, bounce and roll of each axle, the pitman arm against its elastic worm, and each propeller shaft, whose
-    pinion turns with it."""
+    """Chassis 6, wheels, bounce and roll of each axle, the pitman arm against its elastic worm, and each propeller
+    shaft, whose pinion turns with it."""
     counts = Simulation(scene(vehicle)).describe()
     assert counts['redundant_rows'] == []
     assert counts['dof'] == dof
@@ -41,17 +44,22 @@ def test_no_redundant_rows_and_the_degrees_of_freedom_counted_by_hand(vehicle: d
 def test_parts_of_the_shafts_are_named_after_their_axles_where_there_are_several() -> None:
     names = {body.name for body in scene(off_roader()).model.bodies}
     assert {'propshaft_front', 'propshaft_rear', 'drive_pinion_front', 'drive_pinion_rear'} <= names
-    one = scene(car({'front': 1.6, 'rear': -1.6}, {'rear': shaft([0.3, 0, 0.5], [-1.29, 0, 0.42])}, 1500, power=False)).model
+    one = scene(
+        car({'front': 1.6, 'rear': -1.6}, {'rear': shaft([0.3, 0, 0.5], [-1.29, 0, 0.42])}, 1500, power=False)
+    ).model
     assert {'propshaft', 'drive_pinion'} <= {body.name for body in one.bodies}
     assert {'final_drive', 'differential'} <= {force.name for force in one.coordinate_forces}
     pickup = load_scene_text('vehicle: vehicles/pickup_awd.yaml', 'pickup').model
     assert {'propshaft_front', 'propshaft_rear', 'drive_pinion'} <= {body.name for body in pickup.bodies}
-    assert {'final_drive', 'differential_front', 'differential_rear', 'transfer'} <= {force.name for force in pickup.coordinate_forces}
+    assert {'final_drive', 'differential_front', 'differential_rear', 'transfer'} <= {
+        force.name for force in pickup.coordinate_forces
+    }
 
 
 def test_the_housing_carries_the_reaction_of_the_drive_torque() -> None:
-    """The free body of the rear axle: its links meet far ahead, so what pulls at the ground raises the chassis by the springs. Besides
-    tires, springs, links, weight and inertia it gets nothing: torque and reaction are inner ones. Within 1 % of the torque."""
+    """The free body of the rear axle: its links meet far ahead, so what pulls at the ground raises the chassis by the
+    springs. Besides tires, springs, links, weight and inertia it gets nothing: torque and reaction are inner ones.
+    Within 1 % of the torque."""
     run = rolling(off_roader(), 5.0, PUSH)
     run.advance(2000)
     found = loads(run, 'rear', links('rear'))
@@ -59,9 +67,9 @@ def test_the_housing_carries_the_reaction_of_the_drive_torque() -> None:
 
 
 def test_the_drive_torque_turns_the_knuckles_about_kingpins_that_lean() -> None:
-    """Knuckle and wheel on the left, about their kingpin k: tire, track rod, weight, inertia and the shaft, whose joint in the kingpin
-    passes on T (h + s)/(1 + h . s) between the axes of housing and wheel. The track rod has to hold what the torque of a drive on the
-    knuckle would not ask of it, 52 N m beside 65."""
+    """Knuckle and wheel on the left, about their kingpin k: tire, track rod, weight, inertia and the shaft, whose joint
+    in the kingpin passes on T (h + s)/(1 + h . s) between the axes of housing and wheel. The track rod has to hold what
+    the torque of a drive on the knuckle would not ask of it, 52 N m beside 65."""
     run = rolling(off_roader(), 3.0, PUSH)
     run.advance(2000)
     before = run.snapshot().twist.copy()
@@ -94,7 +102,8 @@ def test_the_drive_torque_turns_the_knuckles_about_kingpins_that_lean() -> None:
 
 @pytest.mark.parametrize('shares', [(0.5, 0.5), (0.3, 0.7), (0.0, 1.0)])
 def test_each_axle_pulls_by_its_share(shares: tuple[float, float]) -> None:
-    """Straight on, the force at the tires of an axle is its torque over their lever, less what its wheels and shaft take to turn faster."""
+    """Straight on, the force at the tires of an axle is its torque over their lever, less what its wheels and shaft
+    take to turn faster."""
     run = rolling(off_roader(shares=shares), 5.0, PUSH)
     run.advance(2000)
     before = run.snapshot().joint_velocity.copy()
@@ -111,7 +120,8 @@ def test_each_axle_pulls_by_its_share(shares: tuple[float, float]) -> None:
 
 
 def kinematic(angles: list[float]) -> float:
-    """How much faster the front axle turns in a bend about a point beside the rear one, from the angles of its wheels."""
+    """How much faster the front axle turns in a bend about a point beside the rear one, from the angles of its
+    wheels."""
     return 1.0 / math.cos(float(np.mean(angles))) - 1.0
 
 
@@ -120,7 +130,8 @@ def turned(run: Simulation) -> dict[str, float]:
 
 
 def test_a_soft_connection_winds_up_by_what_the_front_axle_goes_further() -> None:
-    """1 N m/rad hold nothing: x_front - x_rear grows by the kinematic difference of the two, within 4 % of it (tires slip sideways)."""
+    """1 N m/rad hold nothing: x_front - x_rear grows by the kinematic difference of the two, within 4 % of it (tires
+    slip sideways)."""
     run = rolling(off_roader(transfer={'axle': 'front', 'to': 'rear', 'stiffness': 1.0, 'damping': 1e-3}), 3.0, BEND)
     run.advance(2000)
     before, wheels = forces(run)['transfer'], turned(run)
@@ -134,10 +145,13 @@ def test_a_soft_connection_winds_up_by_what_the_front_axle_goes_further() -> Non
 
 
 def test_a_locked_one_slips_the_tires_by_it_brakes_in_front_and_drives_behind() -> None:
-    """Wound up as far as tires give way: both axles turn alike, so their slips differ by what the front axle goes further, from its
-    angle of steering and its slip angle (2 %); the tires of each have the torque of the transfer case at their lever, but for rolling."""
+    """Wound up as far as tires give way: both axles turn alike, so their slips differ by what the front axle goes
+    further, from its angle of steering and its slip angle (2 %); the tires of each have the torque of the transfer case
+    at their lever, but for rolling."""
     stiffness, damping = 20000.0, 60.0
-    run = rolling(off_roader(transfer={'axle': 'front', 'to': 'rear', 'stiffness': stiffness, 'damping': damping}), 3.0, BEND)
+    run = rolling(
+        off_roader(transfer={'axle': 'front', 'to': 'rear', 'stiffness': stiffness, 'damping': damping}), 3.0, BEND
+    )
     run.advance(3500)
     found, there = forces(run)['transfer'], turned(run)
     turning, shot = rates(run), run.snapshot()
@@ -160,7 +174,9 @@ def test_a_viscous_one_has_its_torque_by_its_law_and_heats() -> None:
     run = rolling(off_roader(transfer={'damping': 150.0}), 3.0, BEND)
     run.advance(3000)
     found, turning = forces(run)['transfer'], rates(run)
-    difference = np.mean([turning[f'wheel_front_{s}'] for s in SIDES]) - np.mean([turning[f'wheel_rear_{s}'] for s in SIDES])
+    difference = np.mean([turning[f'wheel_front_{s}'] for s in SIDES]) - np.mean(
+        [turning[f'wheel_rear_{s}'] for s in SIDES]
+    )
     assert found['force'] == pytest.approx(-150.0 * found['rate'], rel=1e-9)
     assert found['rate'] == pytest.approx(difference, rel=5e-3)  # of the shafts, whose final drives give way
     assert found['dissipation'] == pytest.approx(150.0 * found['rate'] ** 2, rel=1e-9)
@@ -171,12 +187,14 @@ def mirrored(value: Any, key: str = '') -> Any:
     """Parts that are given as they are, not for the left side, on the other side of the car."""
     if isinstance(value, dict):
         return {name: mirrored(one, name) for name, one in value.items()}
-    return [value[0], -value[1], value[2]] if isinstance(value, list) and len(value) == 3 and key != 'inertia' else value
+    return (
+        [value[0], -value[1], value[2]] if isinstance(value, list) and len(value) == 3 and key != 'inertia' else value
+    )
 
 
 def test_the_mirror_image_turns_to_the_other_side() -> None:
-    """With shafts that turn the other way round (a ratio below 0), as in a mirror: left and right exchanged, but for what the iterations
-    of a step leave."""
+    """With shafts that turn the other way round (a ratio below 0), as in a mirror: left and right exchanged, but for
+    what the iterations of a step leave."""
     lock = {'axle': 'front', 'to': 'rear', 'stiffness': 20000.0, 'damping': DAMPING}
     image = off_roader(transfer=lock)
     image['steering'] = mirrored(image['steering'])
@@ -193,7 +211,9 @@ def test_the_mirror_image_turns_to_the_other_side() -> None:
         shot = run.advance(1500)
         twist, loads = shot.twist[run.channels.chassis or 0], shot.tire[:, TIRE_COLUMNS.index('fz')]
         order = slice(None) if sign > 0.0 else [1, 0, 3, 2]
-        found.append(np.array([*(twist * [1, sign, 1, sign, 1, sign]), *(1e-4 * loads[order]), forces(run)['transfer']['value']]))
+        found.append(
+            np.array([*(twist * [1, sign, 1, sign, 1, sign]), *(1e-4 * loads[order]), forces(run)['transfer']['value']])
+        )
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-6)
     assert abs(found[0][5]) > 0.1
 
@@ -231,7 +251,9 @@ LOCK = {'axle': 'front', 'to': 'rear', 'stiffness': 2e4, 'damping': 60.0}
 
 @pytest.mark.parametrize('level', ['kc', 'single_track'])
 def test_levels_without_a_locked_transfer_case_say_so(level: str) -> None:
-    with pytest.raises(MbdError, match=r'vehicle: transfer = .*this level has no locked transfer case: use condensed or full'):
+    with pytest.raises(
+        MbdError, match=r'vehicle: transfer = .*this level has no locked transfer case: use condensed or full'
+    ):
         simulation_of(scene(off_roader(transfer=LOCK), fidelity=level))
 
 
@@ -255,7 +277,10 @@ MOTORS = {'kind': 'motors', 'share': 0.5}
     [
         (off_roader(transfer=LOCK | {'axle': 'middle'}), 'axle = .?middle.*is not driven; driven are: front, rear'),
         (off_roader(transfer=LOCK | {'to': 'front'}), 'to = .?front.*is no other driven axle; these are: rear'),
-        (off_roader(transfer=[LOCK, {'axle': 'rear', 'to': 'front', 'damping': 1.0}]), 'axle = .?rear.*and front are connected twice'),
+        (
+            off_roader(transfer=[LOCK, {'axle': 'rear', 'to': 'front', 'damping': 1.0}]),
+            'axle = .?rear.*and front are connected twice',
+        ),
         (off_roader(transfer=LOCK | {'damping': 0}), r'transfer\.damping = 0.*must be > 0'),
         (off_roader(shares=(0.5, 0.4)), 'share = 0.9.*must add up to 1'),
         (off_roader(shares=(-0.5, 1.5)), 'share = -0.5: must be >= 0'),

@@ -27,10 +27,12 @@ def vehicle(name: str, *settings: str) -> ModelSpec:
     return load_scene('light_car_straight', [f'vehicle=vehicles/{name}.yaml', 'maneuver={}', *settings]).model
 
 
-@pytest.mark.parametrize(('arm', 'rod', 'offset'), [(-0.13, 0.30, 0.0), (-0.13, 0.30, -0.02), (0.12, 0.25, 0.01), (-0.02, 0.05, 0.0)])
+@pytest.mark.parametrize(
+    ('arm', 'rod', 'offset'), [(-0.13, 0.30, 0.0), (-0.13, 0.30, -0.02), (0.12, 0.25, 0.01), (-0.02, 0.05, 0.0)]
+)
 def test_a_plane_linkage_ends_where_rod_and_arm_keep_the_angle(arm: float, rod: float, offset: float) -> None:
-    """A vertical axis, an arm along x, a rod to a ball that moves along y: the angle of transmission is found from the triangle, by
-    bisection over the angle of the arm, in both directions; the nearer end counts."""
+    """A vertical axis, an arm along x, a rod to a ball that moves along y: the angle of transmission is found from the
+    triangle, by bisection over the angle of the arm, in both directions; the nearer end counts."""
     inner = np.array([arm + offset, -math.sqrt(rod * rod - offset * offset), 0.2])
     linkage = Linkage((0.0, 0.0, 0.1), (0.0, 0.0, 0.6), tuple(inner), (arm, 0.0, 0.2))  # type: ignore[arg-type]
 
@@ -39,13 +41,18 @@ def test_a_plane_linkage_ends_where_rod_and_arm_keep_the_angle(arm: float, rod: 
         x, y = arm * math.cos(turn), arm * math.sin(turn)
         along = x - inner[0]
         across = math.sqrt(rod * rod - along * along)
-        at_arm = abs(-y * along + x * across) / (abs(arm) * rod)  # velocity (-y, x) of the outer ball, rod (along, across)
+        # velocity (-y, x) of the outer ball, rod (along, across)
+        at_arm = abs(-y * along + x * across) / (abs(arm) * rod)
         return y - across - inner[1], min(at_arm, across / rod)
 
     ends = []
     for way in (1.0, -1.0):
         turns = way * np.linspace(0.0, math.pi, 2000)
-        low = next(i for i, turn in enumerate(turns) if abs(arm * math.cos(turn) - inner[0]) >= rod or state(turn)[1] < math.sin(MARGIN))
+        low = next(
+            i
+            for i, turn in enumerate(turns)
+            if abs(arm * math.cos(turn) - inner[0]) >= rod or state(turn)[1] < math.sin(MARGIN)
+        )
         end = brentq(lambda turn: state(turn)[1] - math.sin(MARGIN), turns[low - 1], turns[low], xtol=1e-13)
         ends.append(abs(state(end)[0]) * 2.0 * math.pi / RACK)
     found = lock_of([linkage], lambda angle: np.array([0.0, angle * RACK / (2.0 * math.pi), 0.0]))
@@ -60,7 +67,9 @@ def test_a_linkage_without_dead_centre_has_no_end() -> None:
     assert lock_of([linkage], lambda angle: np.array([0.0, 1e-5 * angle, 0.0])) is None
 
 
-@pytest.mark.parametrize('name', ['light_car', 'full_car', 'compact_fwd', 'electric_4wd', 'formula_student', 'pickup_awd', 'wishbone_car'])
+@pytest.mark.parametrize(
+    'name', ['light_car', 'full_car', 'compact_fwd', 'electric_4wd', 'formula_student', 'pickup_awd', 'wishbone_car']
+)
 def test_delivered_cars_end_between_half_a_turn_and_three(name: str) -> None:
     model = vehicle(name)
     assert model.lock is not None
@@ -76,7 +85,8 @@ def test_a_file_may_say_where_its_steering_ends() -> None:
 
 
 def test_what_is_held_is_a_motion_and_what_does_not_reach_the_stops_keeps_its_bits() -> None:
-    """The rate is the derivative of the angle, the acceleration that of the rate, through the stop; central differences of 1e-4 s."""
+    """The rate is the derivative of the angle, the acceleration that of the rate, through the stop; central differences
+    of 1e-4 s."""
     h, lock = 1e-4, 5.0
     t = np.arange(0.0, 6.0, h)
     u = np.column_stack([7.0 * np.sin(t), 7.0 * np.cos(t), -7.0 * np.sin(t), t])
@@ -98,9 +108,12 @@ def test_what_is_held_is_a_motion_and_what_does_not_reach_the_stops_keeps_its_bi
 @pytest.mark.parametrize('fidelity', ['full', 'kc', pytest.param('single_track', marks=pytest.mark.slow)])
 @pytest.mark.parametrize('closed', ['', 'speed: {}, '])
 def test_a_car_that_is_steered_past_its_end_is_held_there_and_told(fidelity: str, closed: str) -> None:
-    """It turns to the left for good; without end stops it turned to the right beyond the dead centre of its tie rods."""
+    """It turns to the left for good; without end stops it turned to the right beyond the dead centre of its tie
+    rods."""
     maneuver = (FAR % 18).replace('{steering', '{' + closed + 'steering', 1)
-    s = simulation_of(load_scene('light_car_straight', ['start.speed=2', f'maneuver={maneuver}', f'fidelity={fidelity}']))
+    s = simulation_of(
+        load_scene('light_car_straight', ['start.speed=2', f'maneuver={maneuver}', f'fidelity={fidelity}'])
+    )
     lock = s.model.spec.lock
     assert lock is not None
     wheel, rates = s.channels.joints.index('steering_wheel'), []
@@ -123,7 +136,11 @@ def test_a_car_that_stays_within_its_end_is_not_told() -> None:
 
 def test_a_free_steering_wheel_comes_to_rest_on_its_stops() -> None:
     """40 N m turn it, and press the stops in by their stiffness; the account of energy closes over the impact."""
-    given = ['actuation.steering=torque', 'vehicle.steering.lock=3', 'maneuver={signals: {steering_torque: 40}, brake_torque: 2000}']
+    given = [
+        'actuation.steering=torque',
+        'vehicle.steering.lock=3',
+        'maneuver={signals: {steering_torque: 40}, brake_torque: 2000}',
+    ]
     s = simulation_of(load_scene('light_car_straight', ['start.speed=0', *given]))
     wheel = s.channels.joints.index('steering_wheel')
     angle = np.array([float(s.advance(20).joint_position[wheel]) for _ in range(250)])

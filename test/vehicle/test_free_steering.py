@@ -9,7 +9,9 @@ import solver
 from solver.files.scene import load_scene
 
 
-@pytest.mark.parametrize(('scene', 'speed'), [('light_car_straight', 90), ('car_step_steer', 80), ('car_step_steer', 120)])
+@pytest.mark.parametrize(
+    ('scene', 'speed'), [('light_car_straight', 90), ('car_step_steer', 80), ('car_step_steer', 120)]
+)
 def test_a_released_steering_wheel_comes_to_rest(scene: str, speed: float) -> None:
     """The swing of three to five seconds after a pulse of 1 N m is at most half of that of the first two."""
     pulse = '{kind: step, value: 1.0, start: 0.1, rise: 0.05}'

@@ -35,7 +35,9 @@ PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'cars.md'
 
 @pytest.fixture(scope='module')
 def standing() -> Simulation:
-    return Simulation(load_scene('car_swept_steer', ['start={kind: equilibrium}', 'maneuver=maneuvers/straight_ahead.yaml']))
+    return Simulation(
+        load_scene('car_swept_steer', ['start={kind: equilibrium}', 'maneuver=maneuvers/straight_ahead.yaml'])
+    )
 
 
 @pytest.fixture(scope='module')
@@ -72,7 +74,8 @@ def test_design_position_closes_every_joint_and_is_symmetric() -> None:
 
 
 def test_ideal_joints_leave_sixteen_degrees_of_freedom() -> None:
-    """Chassis 6, wheel travels 4, wheel spins 4, rack against its elastic pinion 1, propeller shaft against its elastic gear 1."""
+    """Chassis 6, wheel travels 4, wheel spins 4, rack against its elastic pinion 1, propeller shaft against its elastic
+    gear 1."""
     simulation = Simulation(Scene(name='ideal', model=full_car_model(without_bushings(full_car()))))
     counts = simulation.describe()
     assert counts['bushings'] == 0
@@ -100,10 +103,12 @@ def test_tires_carry_the_weight_and_the_car_stands_at_its_design_height(standing
 
 @pytest.mark.slow
 def test_every_mode_is_stable(standing: Simulation) -> None:
-    """At rest, brakes released: nothing grows, and what does not oscillate fast is damped; a link spinning freely would be undamped."""
+    """At rest, brakes released: nothing grows, and what does not oscillate fast is damped; a link spinning freely would
+    be undamped."""
     s, _ = eigenvalues(linearised(standing.model, standing.state, np.zeros(len(standing.model.spec.inputs))))
     assert len(s) == 2 * 134
-    # one unstable root may come from the propeller shaft's weight off its line of bearings: its growth must take longer than 1000 s
+    # one unstable root may come from the propeller shaft's weight off its line of bearings: its growth must take longer
+    # than 1000 s
     assert s.real.max() < 1e-3
     assert all(mode.damping > 0.03 for mode in modes(standing) if mode.frequency > 0.5)
 
@@ -119,13 +124,16 @@ def test_figure_lies_where_passenger_cars_lie(standing: Simulation, found: dict[
 def test_the_page_of_cars_shows_these_figures(standing: Simulation, found: dict[str, float]) -> None:
     """To the four digits that are shown."""
     section = PAGE.read_text(encoding='utf-8').partition('## full_car')[2].partition('\n## ')[0]
-    shown = dict([cell.strip() for cell in line.split('|')[1:3]] for line in section.splitlines() if line.count('|') == 4)
+    shown = dict(
+        [cell.strip() for cell in line.split('|')[1:3]] for line in section.splitlines() if line.count('|') == 4
+    )
     for name, where in typical_values(standing.model.spec).items():
         assert float(shown[where.text].partition(' ')[0]) == pytest.approx(found[name] * where.factor, rel=2e-3), name
 
 
 def test_accelerations_balance_the_forces_of_every_body() -> None:
-    """M a = f + A^T lam to the rounding of its largest terms, also about the axes of light shafts that no constraint holds."""
+    """M a = f + A^T lam to the rounding of its largest terms, also about the axes of light shafts that no constraint
+    holds."""
     s = Simulation(load_scene('car_swept_steer', ['start.speed_kmh=0']))
     start = ConsistentState(s.model)
     s.state.v[:-1, 3:] = 1e-3  # nothing may be still
@@ -172,7 +180,8 @@ def test_combined_mounts_act_like_the_single_ones() -> None:
 @pytest.mark.parametrize('axis', [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.6, 0.8, 0.0), (1.0, 0.0, 0.0)])
 @pytest.mark.parametrize('field', ['law_x', 'law_y', 'law_z'])
 def test_a_bushing_at_the_right_is_the_mirror_image_of_that_at_the_left(axis, field) -> None:
-    """A law that is five times as hard one way as the other, along every axis of the car: mirrored displacements, mirrored forces."""
+    """A law that is five times as hard one way as the other, along every axis of the car: mirrored displacements,
+    mirrored forces."""
     i = RigidBodySpec(name='i', mass=1.0, inertia=(1, 1, 1, 0, 0, 0))
     j, law = i.replace(name='j'), Law.table([[-0.01, -20000.0], [0.0, 0.0], [0.006, 1500.0], [0.01, 4000.0]])
     data = Bushing(stiffness=(1e6, 1e6, 1e6, 1.0, 1.0, 1.0), axis=axis, **{field: law})
@@ -186,17 +195,29 @@ def test_a_bushing_at_the_right_is_the_mirror_image_of_that_at_the_left(axis, fi
         return F @ [evaluate_law(table, k, x)[0] for k, x in enumerate((F.T @ move).tolist())]
 
     for move in 0.005 * np.concatenate([np.eye(3), -np.eye(3), [[0.7, -1.1, 1.6]]]):
-        np.testing.assert_allclose(force('right', mirrored * move), mirrored * force('left', move), rtol=1e-12, atol=1e-9)
+        np.testing.assert_allclose(
+            force('right', mirrored * move), mirrored * force('left', move), rtol=1e-12, atol=1e-9
+        )
 
 
 def test_a_symmetric_law_is_the_same_at_both_sides_to_the_bit() -> None:
     i = RigidBodySpec(name='i', mass=1.0, inertia=(1, 1, 1, 0, 0, 0))
-    points = [[-0.012, -30000.0], [-0.008, -12800.0], [-0.004, -4800.0], [0.0, 0.0], [0.004, 4800.0], [0.008, 12800.0], [0.012, 30000.0]]
+    points = [
+        [-0.012, -30000.0],
+        [-0.008, -12800.0],
+        [-0.004, -4800.0],
+        [0.0, 0.0],
+        [0.004, 4800.0],
+        [0.008, 12800.0],
+        [0.012, 30000.0],
+    ]
     law = Law.table(points)
     data = Bushing(stiffness=(1e6, 1e6, 1e6, 1.0, 1.0, 1.0), law_x=law, law_y=law, law_z=law)
     for axis in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)):
         there = dataclasses.replace(data, axis=axis)
-        (spec,) = mounting('m', i, i.replace(name='j'), ((0.0, 0.5, 0.3),), there, ideal='spherical', side='right').bushings
+        (spec,) = mounting(
+            'm', i, i.replace(name='j'), ((0.0, 0.5, 0.3),), there, ideal='spherical', side='right'
+        ).bushings
         assert repr(spec.laws[:3]) == repr((law, law, law))
 
 
@@ -225,12 +246,16 @@ def test_rods_have_the_inertia_of_their_parallel_axes() -> None:
 def test_brake_shares_must_add_up() -> None:
     car = full_car()
     with pytest.raises(SpecError, match='shares of the four wheels'):
-        dataclasses.replace(car, front=dataclasses.replace(car.front, brake=dataclasses.replace(car.front.brake, share=0.4)))
+        dataclasses.replace(
+            car, front=dataclasses.replace(car.front, brake=dataclasses.replace(car.front.brake, share=0.4))
+        )
 
 
 def test_rolling_start_is_smooth() -> None:
     """At speed nothing but the steady deceleration is left: shafts turn with their wheels and nothing else moves."""
-    simulation = Simulation(Scene(name='roll', model=full_car_model(full_car()), start=StartSettings(kind='equilibrium', speed=20.0)))
+    simulation = Simulation(
+        Scene(name='roll', model=full_car_model(full_car()), start=StartSettings(kind='equilibrium', speed=20.0))
+    )
     v = simulation.state.v
     names = simulation.model.body_names
     rate = v[names.index('wheel_rear_left'), 4]

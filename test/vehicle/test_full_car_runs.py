@@ -1,4 +1,5 @@
-"""The full car in motion: mirror symmetry, modes found again in a run, second order, maneuvers that end as they must."""
+"""The full car in motion: mirror symmetry, modes found again in a run, second order, maneuvers that end as they
+must."""
 
 from __future__ import annotations
 
@@ -30,7 +31,13 @@ def slalom(car: FullCar, steering: float, penalty: float, mode: Literal['fixed',
     maneuver = Maneuver(steering=Sine(amplitude=steering, frequency=1.0, start=0.1), drive_torque=200.0)
     settings = IntegratorSettings(h=2e-3, iterations=3, penalty=penalty, mode=mode, tolerance=1e-12)
     return Simulation(
-        Scene(name='slalom', model=full_car_model(car), start=StartSettings(speed=20.0), maneuver=maneuver, integrator=settings)
+        Scene(
+            name='slalom',
+            model=full_car_model(car),
+            start=StartSettings(speed=20.0),
+            maneuver=maneuver,
+            integrator=settings,
+        )
     )
 
 
@@ -42,11 +49,19 @@ def across(name: str) -> str:
 
 @pytest.mark.parametrize(
     ('penalty', 'mode', 'place', 'force'),
-    [(1e2, 'fixed', 1e-13, 1e-8), (1e4, 'fixed', 5e-12, 1e-8), (1e6, 'fixed', 3e-8, 3e-5), (1e6, 'tolerance', 5e-12, 2e-7)],
+    [
+        (1e2, 'fixed', 1e-13, 1e-8),
+        (1e4, 'fixed', 5e-12, 1e-8),
+        (1e6, 'fixed', 3e-8, 3e-5),
+        (1e6, 'tolerance', 5e-12, 2e-7),
+    ],
 )
-def test_mirrored_car_gives_the_mirrored_run(penalty: float, mode: Literal['fixed', 'tolerance'], place: float, force: float) -> None:
-    """From mirrored velocities, 500 steps: to rounding. A fixed number of iterations leaves what its last solution rounded, which grows
-    with the penalty (docs/formulation.md, Rounding; the bounds are ten times what is measured there); to tolerance it does not.
+def test_mirrored_car_gives_the_mirrored_run(
+    penalty: float, mode: Literal['fixed', 'tolerance'], place: float, force: float
+) -> None:
+    """From mirrored velocities, 500 steps: to rounding. A fixed number of iterations leaves what its last solution
+    rounded, which grows with the penalty (docs/formulation.md, Rounding; the bounds are ten times what is measured
+    there); to tolerance it does not.
 
     The start is mirrored by hand because its search ends at 3e-9 m/s.
     """
@@ -67,9 +82,11 @@ def test_mirrored_car_gives_the_mirrored_run(penalty: float, mode: Literal['fixe
 
 @pytest.mark.slow
 def test_run_shows_the_frequencies_of_the_linear_model() -> None:
-    """A small push on the standing car: chassis and engine follow the solution of the linearised model, exp of its state matrix.
+    """A small push on the standing car: chassis and engine follow the solution of the linearised model, exp of its
+    state matrix.
 
-    Its wheels have no rolling resistance: the linear model is that of wheels that roll, and on resistance a wheel stands.
+    Its wheels have no rolling resistance: the linear model is that of wheels that roll, and on resistance a wheel
+    stands.
     """
     tires = [f'vehicle.{axle}.tire={{<<: tires/205_55R16.tir, values: {{LMY: 0}}}}' for axle in ('front', 'rear')]
     standing = ['start={kind: equilibrium}', 'maneuver=maneuvers/straight_ahead.yaml', 'integrator.h=1e-3']
@@ -113,7 +130,8 @@ def test_run_shows_the_frequencies_of_the_linear_model() -> None:
 
 @pytest.mark.slow
 def test_swept_steering_converges_with_second_order() -> None:
-    """First 2.4 s at h = 4, 2, 1 ms in fixed mode: differences of place, yaw rate and front-left lateral force fall by four."""
+    """First 2.4 s at h = 4, 2, 1 ms in fixed mode: differences of place, yaw rate and front-left lateral force fall by
+    four."""
     results = []
     for h in (4e-3, 2e-3, 1e-3):
         simulation = Simulation(load_scene('car_swept_steer', [f'integrator.h={h}']))
@@ -134,7 +152,8 @@ def test_swept_steering_runs_at_both_steps_without_drift(h: float) -> None:
 
 
 def test_drive_torque_is_halved_by_the_open_differential() -> None:
-    """The moments about the two output axes are equal while one wheel stands on ice, until it spins and takes its share to accelerate."""
+    """The moments about the two output axes are equal while one wheel stands on ice, until it spins and takes its share
+    to accelerate."""
     road = 'road={patches: [{center: [0, -5], size: [400, 10], factor: 0.1}]}'
     torque = 'maneuver={drive_torque: {kind: step, value: 900, start: 0.2, rise: 0.3}}'
     simulation = Simulation(load_scene('car_acceleration', [road, torque]))
@@ -162,7 +181,9 @@ def test_braked_car_stands_still_on_a_slope() -> None:
 def test_braking_to_rest_ends_at_rest() -> None:
     """From 20 km/h with wheels that lock: within 5 s nothing moves any more, and the wheels stay where they are."""
     torque = 'maneuver={brake_torque: {kind: step, value: 4500, start: 0.2, rise: 0.2}}'
-    simulation = Simulation(load_scene('car_step_steer', ['start={kind: equilibrium, speed_kmh: 20}', torque, 'integrator.h=2e-3']))
+    simulation = Simulation(
+        load_scene('car_step_steer', ['start={kind: equilibrium, speed_kmh: 20}', torque, 'integrator.h=2e-3'])
+    )
     before = simulation.advance(2000)
     after = simulation.advance(500)
     assert before.pose[0, 0] < 5.0
@@ -171,12 +192,19 @@ def test_braking_to_rest_ends_at_rest() -> None:
 
 
 @pytest.mark.parametrize(
-    ('depth', 'h', 'policy'), [(0.3, 1e-3, 'constant'), (1.0, 1e-3, 'constant'), (1.0, 2e-3, 'constant'), (1.0, 5e-3, 'rescue')]
+    ('depth', 'h', 'policy'),
+    [(0.3, 1e-3, 'constant'), (1.0, 1e-3, 'constant'), (1.0, 2e-3, 'constant'), (1.0, 5e-3, 'rescue')],
 )
 def test_car_lands_from_a_drop(depth: float, h: float, policy: str) -> None:
-    """The wheels leave the road, land with 2.4 or 4.4 m/s on the bump rubbers (60 kN at one wheel), and the car settles at its height."""
+    """The wheels leave the road, land with 2.4 or 4.4 m/s on the bump rubbers (60 kN at one wheel), and the car settles
+    at its height."""
     start = 'start={kind: as_placed, speed: 15}'
-    changes = [f'road={{point: [0, 0, {-depth}]}}', start, 'maneuver=maneuvers/straight_ahead.yaml', f'integrator.h={h}']
+    changes = [
+        f'road={{point: [0, 0, {-depth}]}}',
+        start,
+        'maneuver=maneuvers/straight_ahead.yaml',
+        f'integrator.h={h}',
+    ]
     simulation = Simulation(load_scene('car_step_steer', [*changes, f'integrator.step_policy={policy}']))
     falling = simulation.advance(round(0.1 / h))
     assert not falling.tire[:, FZ].any()
@@ -188,8 +216,9 @@ def test_car_lands_from_a_drop(depth: float, h: float, policy: str) -> None:
 
 @pytest.mark.slow
 def test_a_locked_wheel_regains_grip_as_physics_has_it() -> None:
-    """It comes off the slippery strip at 3.7 s, spins up from rest within 0.1 s and overshoots; the chassis nods with -12 m/s^2 on the
-    fore-and-aft compliance. Half the step shows the same to 2 %, and all bodies together never slow down by more than the tires push."""
+    """It comes off the slippery strip at 3.7 s, spins up from rest within 0.1 s and overshoots; the chassis nods with
+    -12 m/s^2 on the fore-and-aft compliance. Half the step shows the same to 2 %, and all bodies together never slow
+    down by more than the tires push."""
     peaks = []
     for h in (1e-3, 5e-4):
         simulation = Simulation(load_scene('car_split_mu_brake', [f'integrator.h={h}']))
@@ -203,7 +232,8 @@ def test_a_locked_wheel_regains_grip_as_physics_has_it() -> None:
             chassis.append(s.imu[0])
             grip.append(np.linalg.norm(s.tire[:, [FX, FY]], axis=1).sum() / mass.sum())
         peaks.append(min(chassis))
-        assert min(whole) > -max(grip) - 0.3  # drag: 0.06 m/s^2; tires turned by the steering and the camber of the road wheels
+        # drag: 0.06 m/s^2; tires turned by the steering and the camber of the road wheels
+        assert min(whole) > -max(grip) - 0.3
         assert max(grip) < 8.0
     assert peaks[0] < -11.0
     assert peaks[0] == pytest.approx(peaks[1], rel=0.02)
@@ -222,8 +252,9 @@ def test_a_locked_wheel_regains_grip_as_physics_has_it() -> None:
     ],
 )
 def test_rollover_runs_on(h: float, mode: str, policy: str) -> None:
-    """With 2.5 times the friction a step steer at 110 km/h lifts the inner wheels and turns the car over in the air; it lands on an
-    inverted wheel with 30 kN to 170 kN and tumbles on. Nothing feeds energy into it but the steering wheel, and nothing breaks."""
+    """With 2.5 times the friction a step steer at 110 km/h lifts the inner wheels and turns the car over in the air; it
+    lands on an inverted wheel with 30 kN to 170 kN and tumbles on. Nothing feeds energy into it but the steering wheel,
+    and nothing breaks."""
     steering = 'maneuver={steering: {kind: step, value: 5, start: 0.2, rise: 0.3}}'
     changes = ['road={friction: 2.5}', 'start={kind: equilibrium, speed_kmh: 110}', steering, f'integrator.h={h}']
     changes += [f'integrator.mode={mode}', f'integrator.step_policy={policy}']
@@ -248,13 +279,16 @@ def test_rollover_runs_on(h: float, mode: str, policy: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ('scene', 'axle', 'h'), [('car_acceleration', 'rear', 1e-3), ('car_acceleration', 'rear', 2e-3), ('light_car_brake', 'front', 2e-3)]
+    ('scene', 'axle', 'h'),
+    [('car_acceleration', 'rear', 1e-3), ('car_acceleration', 'rear', 2e-3), ('light_car_brake', 'front', 2e-3)],
 )
 def test_wheels_spin_up_to_the_limiter(scene: str, axle: str, h: float) -> None:
     """6000 N m on friction 0.3: the limiter holds the mean speed of the driven wheels, and they push."""
     torque = 'maneuver={drive_torque: {kind: step, value: 6000, start: 0.1, rise: 0.1}}'
     simulation = Simulation(
-        load_scene(scene, ['road={friction: 0.3}', 'start={kind: equilibrium, speed_kmh: 20}', torque, f'integrator.h={h}'])
+        load_scene(
+            scene, ['road={friction: 0.3}', 'start={kind: equilibrium, speed_kmh: 20}', torque, f'integrator.h={h}']
+        )
     )
     names = simulation.channels.joints
     spins = [names.index(f'wheel_{axle}_{side}') for side in ('left', 'right')]
@@ -268,21 +302,28 @@ def test_wheels_spin_up_to_the_limiter(scene: str, axle: str, h: float) -> None:
 
 
 def test_a_shaft_too_fast_for_the_step_is_named() -> None:
-    """The same at 5 ms: the propeller shaft turns by more than half a turn per step, which no step of this kind can follow."""
+    """The same at 5 ms: the propeller shaft turns by more than half a turn per step, which no step of this kind can
+    follow."""
     torque = 'maneuver={drive_torque: {kind: step, value: 6000, start: 0.1, rise: 0.1}}'
-    changes = ['road={friction: 0.3}', 'start={kind: equilibrium, speed_kmh: 20}', torque, 'integrator={h: 5e-3, step_policy: constant}']
+    changes = [
+        'road={friction: 0.3}',
+        'start={kind: equilibrium, speed_kmh: 20}',
+        torque,
+        'integrator={h: 5e-3, step_policy: constant}',
+    ]
     simulation = Simulation(load_scene('car_acceleration', changes))
     with pytest.raises(
         StepError,
-        match=r"body '(drive_pinion|propshaft_\w+)' turns by 3\.\d rad per step of integrator\.h = 0\.005; no convergence.*rescue",
+        match=r"body '(drive_pinion|propshaft_\w+)' turns by 3\.\d rad per step of integrator\.h = 0\.005; no "
+        r'convergence.*rescue',
     ):
         simulation.advance(400)
 
 
 @pytest.mark.parametrize('kmh', [200, 300])
 def test_it_starts_settled_at_speeds_where_its_shafts_turn_by_radians_in_a_step_of_settling(kmh: float) -> None:
-    """At 200 km/h the propshaft turns by 2.9 rad in 5 ms. Loads of the wheels stay what they are at the start but for what the car loses of
-    its speed: lift and growth of the tires go with its square."""
+    """At 200 km/h the propshaft turns by 2.9 rad in 5 ms. Loads of the wheels stay what they are at the start but for
+    what the car loses of its speed: lift and growth of the tires go with its square."""
     s = Simulation(load_scene('car_step_steer', [f'start.speed_kmh={kmh}', 'maneuver={}', 'require={}']))
     chassis = s.channels.chassis or 0
     first, speed = s.snapshot().tire[:, FZ].copy(), s.snapshot().twist[chassis, 0]

@@ -46,9 +46,12 @@ def external_loads(sim: Simulation, s: Snapshot) -> np.ndarray:
 
 
 def momentum_error(h: float) -> tuple[np.ndarray, np.ndarray]:
-    """(largest error of the balance, largest load), (6,) each, over 0.3 s of the transient of a step steer under brake and drive."""
+    """(largest error of the balance, largest load), (6,) each, over 0.3 s of the transient of a step steer under brake
+    and drive."""
     maneuver = '{steering: {kind: step, value: 0.6, start: 0.25, rise: 0.3}, drive_torque: 150, brake_torque: 300}'
-    sim = Simulation(load_scene('light_car_step_steer', [f'maneuver={maneuver}', f'integrator.h={h}', 'integrator.mode=tolerance']))
+    sim = Simulation(
+        load_scene('light_car_step_steer', [f'maneuver={maneuver}', f'integrator.h={h}', 'integrator.mode=tolerance'])
+    )
     sim.advance(round(0.3 / h))
     steps = [sim.advance(1) for _ in range(round(0.3 / h))]
     momentum = np.array([momenta(sim, s) for s in steps])
@@ -57,9 +60,9 @@ def momentum_error(h: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_momentum_changes_by_the_external_forces():
-    # Internal forces, joints, drive and brake torques cancel. Central difference and method are of second order; what the start
-    # left of wheel hop (0.02 N of 14 kN along x and z, about y) decays more slowly at smaller steps, so the order is judged in the
-    # motion that the steering excites: along y, about x and z.
+    # Internal forces, joints, drive and brake torques cancel. Central difference and method are of second order; what
+    # the start left of wheel hop (0.02 N of 14 kN along x and z, about y) decays more slowly at smaller steps, so the
+    # order is judged in the motion that the steering excites: along y, about x and z.
     errors, loads = zip(*(momentum_error(h) for h in (2e-3, 1e-3)), strict=True)
     weight = 1413 * 9.81
     assert (errors[1] < 5e-5 * np.array([weight, weight, weight, *np.maximum(loads[1][3:], weight)])).all()

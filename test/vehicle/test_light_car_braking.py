@@ -16,7 +16,11 @@ SPIN = TIRE_COLUMNS.index('spin')
 
 def braking(torque: float, *overrides: str, speed: float = 25.0, rise: float = 0.1) -> Simulation:
     maneuver = f'{{brake_torque: {{kind: step, value: {torque}, start: 0.0, rise: {rise}}}}}'
-    return Simulation(load_scene('light_car_brake', [f'maneuver={maneuver}', f'start={{kind: equilibrium, speed: {speed}}}', *overrides]))
+    return Simulation(
+        load_scene(
+            'light_car_brake', [f'maneuver={maneuver}', f'start={{kind: equilibrium, speed: {speed}}}', *overrides]
+        )
+    )
 
 
 def wheel_rates(sim: Simulation) -> np.ndarray:
@@ -26,7 +30,8 @@ def wheel_rates(sim: Simulation) -> np.ndarray:
 
 
 def slip_of_brakes(sim: Simulation) -> np.ndarray:
-    """(4,) rotation of the wheels less the elastic wind-up of their brakes [rad]: where the dry friction has let go to."""
+    """(4,) rotation of the wheels less the elastic wind-up of their brakes [rad]: where the dry friction has let go
+    to."""
     snapshot, names = sim.snapshot(), sim.channels
     turned = [snapshot.joint_position[names.joints.index(f'wheel_{w}')] for w in names.wheels]
     elastic = [snapshot.elements[names.elements.index(f'brake_{w}/windup')] for w in names.wheels]
@@ -46,7 +51,8 @@ def test_braking_below_the_limit_decelerates_by_the_torque():
     sim.advance(1000)
     v0 = sim.snapshot().twist[0, 0]
     v1 = sim.advance(500).twist[0, 0]
-    # m_eff a = T / r + rolling resistance + drag; m_eff includes the spin of the wheels. r between loaded and rolling radius
+    # m_eff a = T / r + rolling resistance + drag; m_eff includes the spin of the wheels. r between loaded and rolling
+    # radius
     mass = 1413.0 + 4 * 0.9 / 0.30**2
     mean = 0.5 * (v0 + v1)
     other = 0.011 * 1413.0 * G + 0.5 * 1.2 * 0.65 * mean**2
@@ -64,12 +70,13 @@ def test_locked_wheels_stand_still_and_the_distance_is_that_of_sliding_friction(
     for _ in range(4):
         sim.advance(400)
         assert np.abs(wheel_rates(sim)).max() < 0.5  # of 80 rad/s: the brakes' elastic wind-up under changing load
-        assert slip_of_brakes(sim) == pytest.approx(slider, abs=1e-4)  # true stick: beyond the wind-up no wheel turns at all
+        # true stick: beyond the wind-up no wheel turns at all
+        assert slip_of_brakes(sim) == pytest.approx(slider, abs=1e-4)
     while np.linalg.norm(sim.snapshot().twist[0, :2]) > 0.05:
         sim.advance(50)
     distance = sim.snapshot().pose[0, 0] - x0
-    # friction falls with load, so the axles' mean lies between the values at the extreme loads; before the wheels lock the brakes
-    # take 0.1 s to build up, and pass the peak, which is up to 30 % higher
+    # friction falls with load, so the axles' mean lies between the values at the extreme loads; before the wheels lock
+    # the brakes take 0.1 s to build up, and pass the peak, which is up to 30 % higher
     low = speed**2 / (2.0 * max(frictions) * G)
     high = speed**2 / (2.0 * min(frictions) * G) + 0.1 * speed
     assert 0.95 * low < distance < high
@@ -86,7 +93,8 @@ def test_hardest_braking_without_lock_lies_below_peak_friction():
         end = sim.advance(50)
     distance = end.pose[0, 0] - begin.pose[0, 0]
     at_peak = (begin.twist[0, 0] ** 2 - end.twist[0, 0] ** 2) / (2.0 * peak * G)
-    # the heavily loaded front tires have 10 % less friction than `peak`, that of a tire at 1.5 kN, and the rear is not used fully
+    # the heavily loaded front tires have 10 % less friction than `peak`, that of a tire at 1.5 kN, and the rear is not
+    # used fully
     assert at_peak < distance < 1.3 * at_peak
 
 

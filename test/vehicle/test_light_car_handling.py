@@ -21,7 +21,11 @@ ALPHA, FZ = TIRE_COLUMNS.index('alpha'), TIRE_COLUMNS.index('fz')
 def steady_bend(*overrides: str, steering: float) -> Simulation:
     """After 5 s at nearly constant speed: the slowest mode, roll and yaw, has died out to 1e-4."""
     maneuver = f'{{steering: {{kind: step, value: {steering}, start: 0.2, rise: 0.5}}, drive_torque: 130}}'
-    sim = Simulation(load_scene('light_car_circle', [f'maneuver={maneuver}', f'start={{kind: equilibrium, speed: {SPEED}}}', *overrides]))
+    sim = Simulation(
+        load_scene(
+            'light_car_circle', [f'maneuver={maneuver}', f'start={{kind: equilibrium, speed: {SPEED}}}', *overrides]
+        )
+    )
     sim.advance(5000)
     return sim
 
@@ -51,12 +55,13 @@ def tire_stiffness(sim: Simulation, e: int, load: float, camber: float) -> tuple
 
 @pytest.mark.parametrize('x', [-0.10, 0.15, 0.37])
 def test_understeer_gradient_is_that_of_the_bicycle_model(x):
-    # Without roll (anti-roll bars 1000 times as stiff) and with upright wheels (else load transfer makes camber and toe push, in proportion
-    # to a_y) the car is a bicycle at small lateral acceleration:
+    # Without roll (anti-roll bars 1000 times as stiff) and with upright wheels (else load transfer makes camber and toe
+    # push, in proportion to a_y) the car is a bicycle at small lateral acceleration:
     #   delta_f - delta_r - L r / v = F_f / C_f - F_r / C_r,   F_f = m a_y (b + t_r) / (L - t_f + t_r)
-    # with the axle forces shifted by the pneumatic trails t, and C of both tires of an axle at the load they carry (1 % off the
-    # static one: drive and drag). Neglected at 0.05 g: load transfer (quadratic in a_y), the side force of steered traction (0.2 %
-    # of the front force), and camber from the roll on the tires, 0.04 deg: up to 1.7 % of the slip angle, nearly the same on both axles.
+    # with the axle forces shifted by the pneumatic trails t, and C of both tires of an axle at the load they carry (1 %
+    # off the static one: drive and drag). Neglected at 0.05 g: load transfer (quadratic in a_y), the side force of
+    # steered traction (0.2 % of the front force), and camber from the roll on the tires, 0.04 deg: up to 1.7 % of the
+    # slip angle, nearly the same on both axles.
     stiff = ['vehicle.front.anti_roll_bar=1.6e7', 'vehicle.rear.anti_roll_bar=6e6', f'vehicle.chassis.com[0]={x}']
     stiff += [f'vehicle.{axle}.wheel.{angle}_deg=0' for axle in ('front', 'rear') for angle in ('toe', 'camber')]
     sim = steady_bend(*stiff, steering=0.05)
@@ -94,15 +99,18 @@ def test_the_car_understeers_mildly():
 
 
 def test_roll_angle_is_that_of_the_roll_stiffness():
-    # phi (K - m_s g h) = m_s a_y h, with h from the roll axis to the sprung mass; K: springs and bars as the bench measures them, in
-    # series with the tires. Neglected: progressive tires, jacking, the stops (travel stays in the free range).
+    # phi (K - m_s g h) = m_s a_y h, with h from the roll axis to the sprung mass; K: springs and bars as the bench
+    # measures them, in series with the tires. Neglected: progressive tires, jacking, the stops (travel stays in the
+    # free range).
     sim = steady_bend(steering=0.3)
     snapshot = sim.snapshot()
     lateral = snapshot.twist[0, 0] * snapshot.twist[0, 5]
     roll = np.arcsin(matrix(snapshot.pose[0, 3:])[2, 1])
     bench = kinematic_figures(Rig(sim.model.spec))
     tire, tracks = 215e3, {'front': 1.53, 'rear': 1.52}
-    stiffness = sum(1.0 / (1.0 / bench[f'roll_stiffness_{axle}'] + 2.0 / (tire * track**2)) for axle, track in tracks.items())
+    stiffness = sum(
+        1.0 / (1.0 / bench[f'roll_stiffness_{axle}'] + 2.0 / (tire * track**2)) for axle, track in tracks.items()
+    )
     share = (0.37 + 1.325) / WHEELBASE
     h = 0.59 - (share * bench['roll_center_front'] + (1.0 - share) * bench['roll_center_rear'])
     expected = 1250.0 * lateral * h / (stiffness - 1250.0 * G * h)

@@ -30,8 +30,9 @@ def over(shots: list[Snapshot], take) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.slow
 def test_sine_with_dwell_decays() -> None:
-    """The criteria of FMVSS 126 (S5.2.1, S5.2.2): yaw rate below 35 % of its second peak 1.0 s, and below 20 % 1.75 s after the end of
-    steer; 1.83 m to the side 1.07 s after the beginning. Steering begins at 2 s and ends 1/0.7 + 0.5 s later."""
+    """The criteria of FMVSS 126 (S5.2.1, S5.2.2): yaw rate below 35 % of its second peak 1.0 s, and below 20 % 1.75 s
+    after the end of steer; 1.83 m to the side 1.07 s after the beginning. Steering begins at 2 s and ends 1/0.7 + 0.5 s
+    later."""
     shots = run('car_sine_with_dwell', seconds=5.7)
     t, rate = over(shots, lambda s: s.twist[0, 5])
     _, y = over(shots, lambda s: s.pose[0, 1])
@@ -44,8 +45,8 @@ def test_sine_with_dwell_decays() -> None:
 
 
 def test_split_friction_turns_the_car_towards_the_grip() -> None:
-    """Left wheels on the dry side: the brake forces differ, their moment about z is the difference times half the track, and the yaw
-    rate starts with moment over inertia."""
+    """Left wheels on the dry side: the brake forces differ, their moment about z is the difference times half the
+    track, and the yaw rate starts with moment over inertia."""
     shots = run('car_split_mu_brake', seconds=3.0)
     forces = np.array([s.tire[:, FX] for s in shots])
     t, rate = over(shots, lambda s: s.twist[0, 5])
@@ -54,17 +55,20 @@ def test_split_friction_turns_the_car_towards_the_grip() -> None:
     assert left < 1.8 * right < 0.0
     moment = -(left - right) * HALF_TRACK  # positive: to the left
     assert 800.0 < moment < 4000.0
-    # at first nothing opposes it but the ramp of the brakes (0.3 s from 2 s on): rate = integral of moment / 2630 kg m^2
+    # at first nothing opposes it but the ramp of the brakes (0.3 s from 2 s on): rate = integral of moment / 2630 kg
+    # m^2
     begin = (t >= 2.0) & (t <= 2.25)
-    turned = np.trapezoid(-(forces[:, [0, 2]].sum(axis=1) - forces[:, [1, 3]].sum(axis=1))[begin] * HALF_TRACK / 2630.0, t[begin])
+    turned = np.trapezoid(
+        -(forces[:, [0, 2]].sum(axis=1) - forces[:, [1, 3]].sum(axis=1))[begin] * HALF_TRACK / 2630.0, t[begin]
+    )
     assert np.interp(2.25, t, rate) - np.interp(2.0, t, rate) == pytest.approx(turned, rel=0.25)
     assert rate[late].min() > 0.0
 
 
 @pytest.mark.slow
 def test_acceleration_is_torque_over_radius_and_limited_by_friction() -> None:
-    """1500 N m at the differential: 5 kN, less drag and rolling resistance. The same torque on a road of 0.3: no more than 0.3 of the load
-    on the driven axle (times the tire's own peak, up to 1.2), and the wheels spin."""
+    """1500 N m at the differential: 5 kN, less drag and rolling resistance. The same torque on a road of 0.3: no more
+    than 0.3 of the load on the driven axle (times the tire's own peak, up to 1.2), and the wheels spin."""
     t, v = over(run('car_acceleration', seconds=3.9), lambda s: s.twist[0, 0])
     plateau = (v[-1] - np.interp(2.5, t, v)) / (t[-1] - 2.5)
     assert plateau == pytest.approx(1500.0 / 0.31 / (MASS + 60.0), rel=0.06)  # 60 kg: wheels and shafts
@@ -78,7 +82,9 @@ def test_acceleration_is_torque_over_radius_and_limited_by_friction() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('scene', 'height', 'track'), [('car_circle', 0.54, 1.554), ('light_car_circle', 0.558, 1.525)])
+@pytest.mark.parametrize(
+    ('scene', 'height', 'track'), [('car_circle', 0.54, 1.554), ('light_car_circle', 0.558, 1.525)]
+)
 def test_steady_circle(scene: str, height: float, track: float) -> None:
     """Constant radius and speed at the end: centripetal force from the tires, load to the outside by m a h / track."""
     shots = run(scene, 'integrator.h=2e-3', every=50)
@@ -103,7 +109,8 @@ def test_step_steer_settles_after_a_small_overshoot() -> None:
 
 
 def test_cleat_is_felt_by_both_axles_in_turn() -> None:
-    """Front and rear loads peak one wheelbase apart; beyond the static load by about the rise times the stiffness of the tire."""
+    """Front and rear loads peak one wheelbase apart; beyond the static load by about the rise times the stiffness of
+    the tire."""
     shots = run('car_cleat', seconds=2.5, every=2)
     t, load = over(shots, lambda s: s.tire[[0, 2], FZ])
     front, rear = t[np.argmax(load[:, 0])], t[np.argmax(load[:, 1])]
@@ -115,8 +122,8 @@ def test_cleat_is_felt_by_both_axles_in_turn() -> None:
 
 @pytest.mark.slow
 def test_rough_road_shakes_the_body_at_its_modes() -> None:
-    """Class C at 70 km/h: 0.5 to 2 m/s^2 RMS at the body; its spectrum is largest near the ride frequencies and falls above wheel hop.
-    Class D, a profile twice as high, doubles the response."""
+    """Class C at 70 km/h: 0.5 to 2 m/s^2 RMS at the body; its spectrum is largest near the ride frequencies and falls
+    above wheel hop. Class D, a profile twice as high, doubles the response."""
     spectra = {}
     for quality in 'CD':
         changes = (f'road.grids.0.quality={quality}', 'integrator.h=2e-3')
@@ -138,9 +145,15 @@ def test_rough_road_shakes_the_body_at_its_modes() -> None:
     [('car_step_steer', 10), pytest.param('car_step_steer', 60, marks=pytest.mark.long), ('light_car_step_steer', 60)],
 )
 def test_parked_on_a_slope_for_a_minute(scene: str, seconds: int) -> None:
-    """10 %, braked: in 5 s brakes and tires take the load; in the next 60 s nothing moves (drift below 1 um), nothing chatters. Of the full
-    car, whose rubber gives way and does not creep, ten seconds show it, with a sixth of the drift."""
-    overrides = ['road={normal: [-0.0995, 0, 0.995]}', 'start={kind: equilibrium}', 'maneuver={brake_torque: 4000}', 'integrator.h=2e-3']
+    """10 %, braked: in 5 s brakes and tires take the load; in the next 60 s nothing moves (drift below 1 um), nothing
+    chatters. Of the full car, whose rubber gives way and does not creep, ten seconds show it, with a sixth of the
+    drift."""
+    overrides = [
+        'road={normal: [-0.0995, 0, 0.995]}',
+        'start={kind: equilibrium}',
+        'maneuver={brake_torque: 4000}',
+        'integrator.h=2e-3',
+    ]
     simulation = Simulation(load_scene(scene, overrides))
     before = simulation.advance(2500)
     speed = 0.0

@@ -1,4 +1,5 @@
-"""Parking: a standing car is steered, and what resists is the moment against turning on the spot, which needs not be asked for."""
+"""Parking: a standing car is steered, and what resists is the moment against turning on the spot, which needs not be
+asked for."""
 
 from __future__ import annotations
 
@@ -24,8 +25,9 @@ def car(name: str, *overrides: str, speed: float, maneuver: str) -> Simulation:
 @pytest.mark.slow
 @pytest.mark.parametrize('brake_torque', [0, 2000])
 def test_rack_force_of_a_standing_car(brake_torque: int) -> None:
-    """200 degrees of steering wheel to each side in 4 s, brakes released and held: the saloon asks for 3.5 to 8 kN at the rack, as real
-    ones do, without turn slip for what its weight on inclined axes makes. It stays where it is, and its energy account closes."""
+    """200 degrees of steering wheel to each side in 4 s, brakes released and held: the saloon asks for 3.5 to 8 kN at
+    the rack, as real ones do, without turn slip for what its weight on inclined axes makes. It stays where it is, and
+    its energy account closes."""
     peak = {}
     for turn_slip in ('on', 'off'):
         swing = f'{{steering: {{kind: sine, amplitude: 3.4907, frequency: 0.25}}, brake_torque: {brake_torque}}}'
@@ -54,7 +56,8 @@ def test_levels_carry_it(level: str) -> None:
 
 @pytest.mark.parametrize('scene', ['light_car_step_steer', pytest.param('car_step_steer', marks=pytest.mark.slow)])
 def test_a_rolling_car_has_the_bits_of_one_without(scene: str) -> None:
-    """From the start at 10 m/s on, in a slalom: places, velocities, tires; it has a state of each tire more, which stays 0."""
+    """From the start at 10 m/s on, in a slalom: places, velocities, tires; it has a state of each tire more, which
+    stays 0."""
     slalom = '{steering: {kind: sine, amplitude: 1.0, frequency: 1.0}}'
     on, off = (car(scene, f'switches.turn_slip={given}', speed=SPEED, maneuver=slalom) for given in ('on', 'off'))
     assert on.describe()['internal_states'] == off.describe()['internal_states'] + 4
@@ -68,9 +71,12 @@ def test_a_rolling_car_has_the_bits_of_one_without(scene: str) -> None:
 
 
 def test_a_standing_car_starts_without_twist() -> None:
-    """The equilibrium of a car that stands with its wheels turned is that of one without the moment, and it stays in it."""
+    """The equilibrium of a car that stands with its wheels turned is that of one without the moment, and it stays in
+    it."""
     held = '{steering: 2.0, brake_torque: 500}'
-    on, off = (car('light_car_step_steer', f'switches.turn_slip={given}', speed=0.0, maneuver=held) for given in ('on', 'off'))
+    on, off = (
+        car('light_car_step_steer', f'switches.turn_slip={given}', speed=0.0, maneuver=held) for given in ('on', 'off')
+    )
     np.testing.assert_array_equal(on.state.q, off.state.q)
     before = on.snapshot().pose.copy()
     assert np.abs(on.snapshot().tire[:, MZ] - off.snapshot().tire[:, MZ]).max() == 0.0
@@ -78,7 +84,8 @@ def test_a_standing_car_starts_without_twist() -> None:
 
 
 def test_a_car_that_comes_to_rest_in_a_bend() -> None:
-    """Braked to a standstill while it turns, through the fade: it stays where it stops, and the account of its energy closes."""
+    """Braked to a standstill while it turns, through the fade: it stays where it stops, and the account of its energy
+    closes."""
     bend = '{steering: 3.0, brake_torque: {kind: step, value: 1500, start: 0.2, rise: 0.3}}'
     s = car('light_car_brake', speed=7.0, maneuver=bend)
     s.advance(round(8.0 / s.h))

@@ -26,7 +26,10 @@ FINAL, GEARS = 4.06, (3.73, 1.96, 1.32, 0.95, 0.76)
 
 
 def scene(*changes: str, vehicle: str = 'vehicles/compact_fwd.yaml', speed: float = 0.0, maneuver: str = '{}') -> Scene:
-    text = f'vehicle: {vehicle}\nstart: {{kind: equilibrium, speed: {speed}}}\nintegrator: {{h: 0.002}}\nmaneuver: {maneuver}\n'
+    text = (
+        f'vehicle: {vehicle}\nstart: {{kind: equilibrium, speed: {speed}}}\nintegrator: {{h: 0.002}}\nmaneuver: '
+        f'{maneuver}\n'
+    )
     return load_scene_text(text, 'power', (POWER, *changes))
 
 
@@ -40,24 +43,34 @@ def outputs(simulation: Simulation, kind: str) -> dict[str, float]:
 
 
 def test_a_closing_clutch_dissipates_what_the_two_inertias_must_lose() -> None:
-    """J1 = 0.2 at 100 rad/s, J2 = 9 behind a gear of 3, so 1 at the clutch; 40 N m: together after 100 / (40 (5 + 1)) s at 100/6 rad/s, and
-    half of 1/6 of 100^2 J is lost, whatever the torque."""
+    """J1 = 0.2 at 100 rad/s, J2 = 9 behind a gear of 3, so 1 at the clutch; 40 N m: together after 100 / (40 (5 + 1)) s
+    at 100/6 rad/s, and half of 1/6 of 100^2 J is lost, whatever the torque."""
     about_x, spinning = (0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)), (100.0, 0.0, 0.0)
     bodies = (
         RigidBodySpec(name='crank', mass=1.0, inertia=(0.2, 0.1, 0.1, 0.0, 0.0, 0.0), angular_velocity=spinning),
         RigidBodySpec(name='load', mass=1.0, inertia=(9.0, 5.0, 5.0, 0.0, 0.0, 0.0)),
     )
     joints = tuple(
-        JointSpec(name=b.name, kind='revolute', i=Marker(body=WORLD, orientation=about_x), j=Marker(body=b.name, orientation=about_x))
+        JointSpec(
+            name=b.name,
+            kind='revolute',
+            i=Marker(body=WORLD, orientation=about_x),
+            j=Marker(body=b.name, orientation=about_x),
+        )
         for b in bodies
     )
     clutch = ClutchSpec(
-        name='clutch', shaft='crank', outputs=(('load', 1.0),), ratios=(3.0,), capacity=40.0, stiffness=2e4, damping=20.0,
+        name='clutch', shaft='crank', outputs=(('load', 1.0),), ratios=(3.0,), capacity=40.0, stiffness=2e4,
+        damping=20.0,
         input='pedal', gear='gear',
     )  # fmt: skip
-    model = ModelSpec(bodies=bodies, joints=joints, clutches=(clutch,), gravity=(0.0, 0.0, 0.0), inputs=('pedal', 'gear'))
+    model = ModelSpec(
+        bodies=bodies, joints=joints, clutches=(clutch,), gravity=(0.0, 0.0, 0.0), inputs=('pedal', 'gear')
+    )
     settings = IntegratorSettings(h=1e-3, rho_inf=0.8)
-    simulation = Simulation(Scene(name='clutch', model=model, maneuver=Maneuver(signals={'gear': 1.0}), integrator=settings))
+    simulation = Simulation(
+        Scene(name='clutch', model=model, maneuver=Maneuver(signals={'gear': 1.0}), integrator=settings)
+    )
     lost, rates = 0.0, []
     for _ in range(600):
         rates.append(simulation.advance(1).joint_velocity.copy())
@@ -68,7 +81,8 @@ def test_a_closing_clutch_dissipates_what_the_two_inertias_must_lose() -> None:
 
 
 def test_it_idles_where_the_torque_without_pedal_ends() -> None:
-    """In neutral, from standing still: the car stays, the engine turns where its map is zero between 700 and 1000 rpm."""
+    """In neutral, from standing still: the car stays, the engine turns where its map is zero between 700 and 1000
+    rpm."""
     simulation = Simulation(scene())
     shot = simulation.advance(3000)
     found = outputs(simulation, 'engines')
@@ -80,15 +94,16 @@ def test_it_idles_where_the_torque_without_pedal_ends() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(('gear', 'speed'), [(3, 27.714), (4, 32.02)])  # near where it settles
 def test_at_a_steady_speed_power_balances_and_torques_stand_in_the_ratio(gear: int, speed: float) -> None:
-    """What the engine delivers is what air, tires and the rest take; the crankshaft turns by the ratios faster than the wheels, the clutch
-    sticks, and the outputs get its torque times the ratios."""
+    """What the engine delivers is what air, tires and the rest take; the crankshaft turns by the ratios faster than the
+    wheels, the clutch sticks, and the outputs get its torque times the ratios."""
     simulation = Simulation(scene(speed=speed, maneuver=f'{{signals: {{gear: {gear}, accelerator: 0.3}}}}'))
     simulation.advance(5000)
     powers = []
     for _ in range(500):
         simulation.advance(1)
         per_kind = {
-            kind: simulation.model.outputs(kind, simulation.outputs)[:, 1].sum() for kind in ('engines', 'clutches', 'tires', 'aero_drags')
+            kind: simulation.model.outputs(kind, simulation.outputs)[:, 1].sum()
+            for kind in ('engines', 'clutches', 'tires', 'aero_drags')
         }
         powers.append(tuple(per_kind.values()))
     engine, clutch, tires, air = np.mean(powers, axis=0)
@@ -111,7 +126,8 @@ def test_at_a_steady_speed_power_balances_and_torques_stand_in_the_ratio(gear: i
 
 
 def test_a_rear_driven_car_gets_it_through_its_propeller_shaft() -> None:
-    """The full car: crankshaft along the car, the torque of the gear at the pinion, times its final drive at the wheels."""
+    """The full car: crankshaft along the car, the torque of the gear at the pinion, times its final drive at the
+    wheels."""
     changes = ('vehicle.engine.power.final=1', 'vehicle.driveline.top_speed=null')
     simulation = Simulation(
         scene(*changes, vehicle='vehicles/full_car.yaml', speed=20.0, maneuver='{signals: {gear: 3, accelerator: 0.6}}')
@@ -125,14 +141,18 @@ def test_a_rear_driven_car_gets_it_through_its_propeller_shaft() -> None:
     wheels = 0.5 * (rates['wheel_rear_left'] + rates['wheel_rear_right'])
     assert found['rate'] == pytest.approx(GEARS[2] * 3.2 * wheels, rel=5e-3)
     assert shot.twist[simulation.channels.chassis or 0, 0] > 20.5
-    drive = simulation.model.outputs('coordinate_forces', simulation.outputs)  # the torque of the final drive acts on the outputs
+    # the torque of the final drive acts on the outputs
+    drive = simulation.model.outputs('coordinate_forces', simulation.outputs)
     final = drive[[f.name for f in simulation.model.spec.coordinate_forces].index('final_drive'), 4]
     assert final == pytest.approx(3.2 * GEARS[2] * coupled['torque'], rel=0.05)
 
 
 def test_it_starts_from_rest_and_shifts() -> None:
     """First gear by releasing the clutch pedal, then the second one with it pressed; the account of energy closes."""
-    table = '{kind: table, interpolation: linear, points: [[0, 1], [0.5, 1], [1.5, 0], [3.5, 0], [3.6, 1], [3.9, 1], [4.1, 0]]}'
+    table = (
+        '{kind: table, interpolation: linear, points: [[0, 1], [0.5, 1], [1.5, 0], [3.5, 0], [3.6, 1], [3.9, 1], '
+        '[4.1, 0]]}'
+    )
     gear = '{kind: table, interpolation: linear, points: [[0, 0], [0.3, 0], [0.31, 1], [3.7, 1], [3.71, 2]]}'
     simulation = Simulation(scene(maneuver=f'{{signals: {{clutch: {table}, gear: {gear}, accelerator: 0.5}}}}'))
     simulation.advance(1700)
@@ -144,7 +164,10 @@ def test_it_starts_from_rest_and_shifts() -> None:
     assert second['ratio'] == pytest.approx(GEARS[1] * FINAL)
     assert abs(second['rate']) < 1.0
     assert shot.twist[simulation.channels.chassis or 0, 0] > 8.0
-    assert simulation.totals()['energy_error_max'] < 0.01 * 0.5 * 1330.0 * shot.twist[simulation.channels.chassis or 0, 0] ** 2
+    assert (
+        simulation.totals()['energy_error_max']
+        < 0.01 * 0.5 * 1330.0 * shot.twist[simulation.channels.chassis or 0, 0] ** 2
+    )
 
 
 @pytest.mark.parametrize(
@@ -152,13 +175,41 @@ def test_it_starts_from_rest_and_shifts() -> None:
     [
         ('compact_fwd', 'vehicle.engine.power.ratios=[3, -1]', r'power\.ratios\[1\] = -1\.0: must be > 0'),
         ('compact_fwd', 'vehicle.engine.power.inertia=0', r'power\.inertia = 0\.0: must be > 0'),
-        ('compact_fwd', 'vehicle.engine.power.pedals=[0, 1]', r'power\.torques = 3: must have one row for each of the 2 pedals'),
-        ('compact_fwd', 'vehicle.engine.power.pedals=[0, 30, 100]', r'power\.pedals\[1\] = 30\.0: must be in \[0, 1\]: .* not per cent'),
-        ('compact_fwd', 'maneuver.signals={accelerator: 30}', r'maneuver\.signals\.accelerator = 30\.0: must be a position .* 0 to 1'),
-        ('compact_fwd', 'maneuver.signals={clutch: -2}', r'maneuver\.signals\.clutch = -2\.0: must be a position of the pedal, 0 to 1'),
-        ('compact_fwd', 'maneuver.signals={gear: 6}', r'maneuver\.signals\.gear = 6\.0: is no gear: there are 1 to 5, 0 is neutral, -1'),
-        ('compact_fwd', f'assistance={SIX}', r'assistance\.shift\.up = 5: the last shift is into gear 6, and the gearbox has 5'),
-        ('pickup_awd', 'name=x', "power: drive of axle front = 'half_shafts': a gearbox drives propeller shafts, and half shafts"),
+        (
+            'compact_fwd',
+            'vehicle.engine.power.pedals=[0, 1]',
+            r'power\.torques = 3: must have one row for each of the 2 pedals',
+        ),
+        (
+            'compact_fwd',
+            'vehicle.engine.power.pedals=[0, 30, 100]',
+            r'power\.pedals\[1\] = 30\.0: must be in \[0, 1\]: .* not per cent',
+        ),
+        (
+            'compact_fwd',
+            'maneuver.signals={accelerator: 30}',
+            r'maneuver\.signals\.accelerator = 30\.0: must be a position .* 0 to 1',
+        ),
+        (
+            'compact_fwd',
+            'maneuver.signals={clutch: -2}',
+            r'maneuver\.signals\.clutch = -2\.0: must be a position of the pedal, 0 to 1',
+        ),
+        (
+            'compact_fwd',
+            'maneuver.signals={gear: 6}',
+            r'maneuver\.signals\.gear = 6\.0: is no gear: there are 1 to 5, 0 is neutral, -1',
+        ),
+        (
+            'compact_fwd',
+            f'assistance={SIX}',
+            r'assistance\.shift\.up = 5: the last shift is into gear 6, and the gearbox has 5',
+        ),
+        (
+            'pickup_awd',
+            'name=x',
+            "power: drive of axle front = 'half_shafts': a gearbox drives propeller shafts, and half shafts",
+        ),
         ('full_car', 'name=x', 'power: final = 4.06: belongs to a differential in the gearbox'),
         ('formula_student', 'name=x', "vehicle.engine.*'part' is missing"),
     ],
@@ -169,7 +220,9 @@ def test_what_cannot_be_is_one_sentence(vehicle: str, change: str, sentence: str
 
 
 def test_a_car_without_a_reverse_gear_is_not_put_into_it() -> None:
-    with pytest.raises(MbdError, match=r'signals\.gear = -1\.0: is no gear: there are 1 to 5, 0 is neutral; there is no reverse gear'):
+    with pytest.raises(
+        MbdError, match=r'signals\.gear = -1\.0: is no gear: there are 1 to 5, 0 is neutral; there is no reverse gear'
+    ):
         scene('vehicle.engine.power.reverse=null', maneuver='{signals: {gear: -1}}')
 
 
@@ -203,7 +256,8 @@ def test_the_level_condensed_keeps_engine_and_gearbox() -> None:
 def test_an_automatic_gearbox_takes_the_car_from_rest_into_its_third_gear() -> None:
     """Full accelerator: the gears one after the other, and no faster than the power of the engine allows."""
     box = (
-        '{shift: {pedals: [0, 1], up_kmh: [[12, 45], [25, 85], [40, 125], [55, 165]], down_kmh: [[6, 28], [16, 60], [30, 95], [42, 135]]}}'
+        '{shift: {pedals: [0, 1], up_kmh: [[12, 45], [25, 85], [40, 125], [55, 165]], down_kmh: [[6, 28], [16, 60], '
+        '[30, 95], [42, 135]]}}'
     )
     simulation = Simulation(scene(f'assistance={box}', maneuver='{signals: {gear: 1, accelerator: 1.0}}'))
     gears, chassis = [], simulation.channels.chassis or 0
@@ -221,7 +275,8 @@ def test_an_automatic_gearbox_takes_the_car_from_rest_into_its_third_gear() -> N
 @pytest.mark.slow
 @pytest.mark.parametrize('speed', [2.0, 5.0, 8.0])
 def test_a_car_begins_in_first_gear_with_its_accelerator_down(speed: float) -> None:
-    """Its wheels roll and its crankshaft turns as its gears say; it was refused below 6 m/s, and above one wheel span at 58 rad/s."""
+    """Its wheels roll and its crankshaft turns as its gears say; it was refused below 6 m/s, and above one wheel span
+    at 58 rad/s."""
     car = Simulation(scene(speed=speed, maneuver='{signals: {accelerator: 1, gear: 1}}'))
     wheels = [car.model.body_names.index(tire.marker.body) for tire in car.model.spec.tires]
     rates = np.linalg.norm(car.state.v[wheels, 3:], axis=1)
@@ -234,7 +289,8 @@ def test_a_car_begins_in_first_gear_with_its_accelerator_down(speed: float) -> N
 
 
 def test_a_car_that_accelerates_begins_as_it_goes_on() -> None:
-    """Put back to its speed while it settles it takes crankshaft and wheels along: the clutch neither slips nor swings at the start."""
+    """Put back to its speed while it settles it takes crankshaft and wheels along: the clutch neither slips nor swings
+    at the start."""
     simulation = Simulation(scene(speed=10.0, maneuver='{signals: {gear: 2, accelerator: 0.6}}'))
     crankshaft, wheels = (
         simulation.channels.joints.index('crankshaft'),
@@ -251,9 +307,11 @@ def test_a_car_that_accelerates_begins_as_it_goes_on() -> None:
 
 @pytest.mark.parametrize(('speed', 'gear', 'clutch'), [(5.0, 2, 0.9), (-3.0, -1, 0.0)])
 def test_it_begins_with_its_clutch_half_open_and_backwards(speed: float, gear: int, clutch: float) -> None:
-    """With the clutch nearly open the engine runs up to its limiter while the car settles: its shaft then turns by too much for the steps
-    that did for the others."""
-    simulation = Simulation(scene(speed=speed, maneuver=f'{{signals: {{gear: {gear}, clutch: {clutch}, accelerator: 0.8}}}}'))
+    """With the clutch nearly open the engine runs up to its limiter while the car settles: its shaft then turns by too
+    much for the steps that did for the others."""
+    simulation = Simulation(
+        scene(speed=speed, maneuver=f'{{signals: {{gear: {gear}, clutch: {clutch}, accelerator: 0.8}}}}')
+    )
     rate, chassis = outputs(simulation, 'engines')['rate'], simulation.channels.chassis or 0
     assert simulation.snapshot().twist[chassis, 0] == pytest.approx(speed, rel=0.01)
     if clutch:

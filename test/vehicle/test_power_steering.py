@@ -23,7 +23,8 @@ from solver.step.settings import IntegratorSettings
 
 ALONG_Y = (-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
 SPEED = 22.0
-WHOLE = {'full_car': 288.0, 'compact_fwd': 160.0, 'electric_4wd': 288.0, 'pickup_awd': 330.0}  # stiffness that acts at that speed [N m/rad]
+# stiffness that acts at that speed [N m/rad]
+WHOLE = {'full_car': 288.0, 'compact_fwd': 160.0, 'electric_4wd': 288.0, 'pickup_awd': 330.0}
 TRAVEL = {
     'full_car': 0.0455,
     'compact_fwd': 0.048,
@@ -41,7 +42,13 @@ ASSIST = (  # that of electric_4wd
 def test_a_helped_mass_moves_as_the_linear_equations_have_it():
     """m x'' = 2 T + z, T = -2 k x - 2 c x', lag z' = g T - z, from x = -50 mm: to second order."""
     m, k, c, gain, lag = 3.0, 200.0, 2.0, 5.0, 0.02
-    A = np.array([[0.0, 1.0, 0.0], [-4.0 * k / m, -4.0 * c / m, 1.0 / m], [-2.0 * gain * k / lag, -2.0 * gain * c / lag, -1.0 / lag]])
+    A = np.array(
+        [
+            [0.0, 1.0, 0.0],
+            [-4.0 * k / m, -4.0 * c / m, 1.0 / m],
+            [-2.0 * gain * k / lag, -2.0 * gain * c / lag, -1.0 / lag],
+        ]
+    )
     expected = scipy.linalg.expm(0.2 * A) @ [-0.05, 0.0, 0.0]
     bodies = (
         RigidBodySpec(name='rack', mass=m, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0), position=(0.0, -0.05, 0.0)),
@@ -53,7 +60,8 @@ def test_a_helped_mass_moves_as_the_linear_equations_have_it():
         JointSpec(name='wheel', kind='revolute', i=Marker(body=WORLD), j=Marker(body='wheel')),
     )
     servo = ServoSpec(
-        name='motor', terms=(('rack', -2.0), ('wheel', 1.0)), stiffness=k, damping=c, marker=Marker(body='rack'), speeds=(0.0,),
+        name='motor', terms=(('rack', -2.0), ('wheel', 1.0)), stiffness=k, damping=c, marker=Marker(body='rack'),
+        speeds=(0.0,),
         torques=(1.0,), forces=((gain,),), limit=1e4, lag=lag,
     )  # fmt: skip
     hold = CouplerSpec(name='hold', terms=(('wheel', 1.0),), offset=0.0)
@@ -69,7 +77,9 @@ def test_a_helped_mass_moves_as_the_linear_equations_have_it():
     assert (errors[1] < 0.3 * errors[0]).all()
 
 
-def drive(name: str, *changes: str, steering: str = '{kind: ramp, slope: 0.15, start: 0.3, blend: 0.3}', h: float = 2e-3) -> Simulation:
+def drive(
+    name: str, *changes: str, steering: str = '{kind: ramp, slope: 0.15, start: 0.3, blend: 0.3}', h: float = 2e-3
+) -> Simulation:
     text = f'vehicle: vehicles/{name}.yaml\nstart: {{kind: equilibrium, speed: {SPEED}}}\nintegrator: {{h: {h}}}\n'
     return Simulation(load_scene_text(text + f'maneuver: {{steering: {steering}, drive_torque: 200}}\n', name, changes))
 
@@ -79,7 +89,9 @@ def ramp(simulation: Simulation) -> np.ndarray:
     k, chassis, rows = simulation.channels.joints.index('steering_wheel'), simulation.channels.chassis or 0, []
     for _ in range(200):
         shot = simulation.advance(10)
-        rows.append((np.hypot(*shot.twist[chassis, :2]) * shot.twist[chassis, 5], shot.joint_effort[k], shot.joint_position[k]))
+        rows.append(
+            (np.hypot(*shot.twist[chassis, :2]) * shot.twist[chassis, 5], shot.joint_effort[k], shot.joint_position[k])
+        )
         if rows[-1][0] > 4.0:
             break
     return np.array(rows)
@@ -95,9 +107,12 @@ def ramp(simulation: Simulation) -> np.ndarray:
     ],
 )
 def test_the_hand_feels_what_the_map_leaves_and_the_car_goes_where_it_went(name: str) -> None:
-    """At 0.33 g the hand has 3 to 5 N m, and with the motor on the rack the whole torque of a car without help whose torsion bar is as
-    much stiffer as help makes it; the steering wheel turns as far."""
-    helped, whole = ramp(drive(name)), ramp(drive(name, 'vehicle.steering.assist=null', f'vehicle.steering.stiffness={WHOLE[name]}'))
+    """At 0.33 g the hand has 3 to 5 N m, and with the motor on the rack the whole torque of a car without help whose
+    torsion bar is as much stiffer as help makes it; the steering wheel turns as far."""
+    helped, whole = (
+        ramp(drive(name)),
+        ramp(drive(name, 'vehicle.steering.assist=null', f'vehicle.steering.stiffness={WHOLE[name]}')),
+    )
     simulation = drive(name)
     (servo,) = simulation.model.spec.servos
     torque = np.interp(0.33 * 9.81, helped[:, 0], helped[:, 1])
@@ -106,12 +121,14 @@ def test_the_hand_feels_what_the_map_leaves_and_the_car_goes_where_it_went(name:
     lever = TRAVEL[name] / (2.0 * np.pi)
     assert torque + lever * force == pytest.approx(np.interp(0.33 * 9.81, whole[:, 0], whole[:, 1]), rel=0.02)
     for a in (1.0, 2.0, 3.0):
-        assert np.interp(a, helped[:, 0], helped[:, 2]) == pytest.approx(np.interp(a, whole[:, 0], whole[:, 2]), rel=2e-3)
+        assert np.interp(a, helped[:, 0], helped[:, 2]) == pytest.approx(
+            np.interp(a, whole[:, 0], whole[:, 2]), rel=2e-3
+        )
 
 
 def test_the_motor_supplies_and_the_account_of_energy_closes() -> None:
-    """Into a bend: what the account has of the motor is the work of its force, and what is missing of all goes down with the square of the
-    step."""
+    """Into a bend: what the account has of the motor is the work of its force, and what is missing of all goes down
+    with the square of the step."""
     missing = []
     for h in (1e-3, 5e-4):
         simulation = drive('electric_4wd', steering='{kind: sine, amplitude: 0.5, frequency: 0.5}', h=h)
@@ -130,8 +147,8 @@ def test_the_motor_supplies_and_the_account_of_energy_closes() -> None:
 
 
 def test_friction_is_felt_against_the_motion_and_not_at_rest() -> None:
-    """A slow sine about straight ahead without help: where the steering wheel turns, the hand has the friction times the radius of the
-    pinion more than without, to either side; where it turns back, and the rack stands, nothing."""
+    """A slow sine about straight ahead without help: where the steering wheel turns, the hand has the friction times
+    the radius of the pinion more than without, to either side; where it turns back, and the rack stands, nothing."""
     steering = '{kind: sine, amplitude: 0.3, frequency: 0.25}'
     found = []
     for friction in (0.0, 300.0):
@@ -153,8 +170,8 @@ def test_friction_is_felt_against_the_motion_and_not_at_rest() -> None:
 
 @pytest.mark.parametrize('name', ['compact_fwd', 'pickup_awd'])
 def test_the_mesh_has_its_place_in_the_effort_of_its_coordinates(name: str) -> None:
-    """Joint states of the pinion show the torque of the mesh, those of the rack that over its radius and the motor beside friction (a
-    coordinate force, too)."""
+    """Joint states of the pinion show the torque of the mesh, those of the rack that over its radius and the motor
+    beside friction (a coordinate force, too)."""
     simulation = drive(name, 'vehicle.steering.friction=0')
     shot = simulation.advance(300)
     _, _, value, rate, force, _, motor = simulation.model.outputs('servos', simulation.outputs)[0]
@@ -170,7 +187,15 @@ def test_the_full_car_takes_it_in_the_place_of_its_mesh() -> None:
     changes = ['vehicle.steering.stiffness=110', 'vehicle.steering.damping=0.5', f'vehicle.steering.assist={ASSIST}']
     simulation = Simulation(load_scene('car_swept_steer', changes))
     counts = simulation.describe()
-    expected = {'bodies': 53, 'joints': 49, 'bushings': 29, 'spring_dampers': 9, 'force_elements': 9, 'dof': 134, 'redundant_rows': []}
+    expected = {
+        'bodies': 53,
+        'joints': 49,
+        'bushings': 29,
+        'spring_dampers': 9,
+        'force_elements': 9,
+        'dof': 134,
+        'redundant_rows': [],
+    }
     assert {name: counts[name] for name in expected} == expected
     assert [s.name for s in simulation.model.spec.servos] == ['rack_and_pinion']
     assert 'rack_and_pinion' not in {f.name for f in simulation.model.spec.coordinate_forces}
@@ -184,14 +209,20 @@ def test_the_level_condensed_has_the_motor_behind_its_transmission() -> None:
     assert [name for name, _ in servo.terms] == ['rack', 'steering_wheel']
     assert any(servo.harmonics)
     less = Simulation(dataclasses.replace(whole.scene, model=model))
-    torques = [[s.advance(25).joint_effort[s.channels.joints.index('steering_wheel')] for _ in range(20)] for s in (whole, less)]
+    torques = [
+        [s.advance(25).joint_effort[s.channels.joints.index('steering_wheel')] for _ in range(20)]
+        for s in (whole, less)
+    ]
     assert np.abs(np.subtract(*torques)).max() < 0.03 * np.abs(torques[0]).max()
 
 
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
-        ('assist={speeds: [0], torques: [2, 1], forces: [[1, 2]], limit: 9}', r'steering\.assist\.torques\[1\] = 1.0: must be greater'),
+        (
+            'assist={speeds: [0], torques: [2, 1], forces: [[1, 2]], limit: 9}',
+            r'steering\.assist\.torques\[1\] = 1.0: must be greater',
+        ),
         ('assist.lag=0', 'steering.assist.lag = 0'),
         ('assist.limit=-5', 'steering.assist.limit = -5'),
         ('assist.forces=[[1, 2, 3, 4]]', 'steering.assist.forces = 1: must have one row for each of the 4 speeds'),
@@ -204,7 +235,8 @@ def test_what_cannot_be_is_one_sentence(change: str, sentence: str) -> None:
 
 
 def test_a_car_may_stand_with_its_wheels_turned() -> None:
-    """From straight ahead the wind-up is far beyond the map: the equilibrium is found, the hand holds less than the help gives."""
+    """From straight ahead the wind-up is far beyond the map: the equilibrium is found, the hand holds less than the
+    help gives."""
     text = 'vehicle: vehicles/pickup_awd.yaml\nstart: {kind: equilibrium}\nmaneuver: {steering: 3.0}\n'
     simulation = Simulation(load_scene_text(text, 'parked'))
     force, speed, motor = simulation.model.outputs('servos', simulation.outputs)[0, 4:]

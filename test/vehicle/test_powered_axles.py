@@ -1,5 +1,5 @@
-"""Engine map, clutch and gearbox in front of several driven axles: speeds and torques by their ratios and shares, the power that goes
-through, what housings carry, and what is locked or slips."""
+"""Engine map, clutch and gearbox in front of several driven axles: speeds and torques by their ratios and shares, the
+power that goes through, what housings carry, and what is locked or slips."""
 
 from __future__ import annotations
 
@@ -48,10 +48,15 @@ def six_by_six() -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     ('vehicle', 'dof'),
-    [(off_roader(power=True), 6 + 4 + 4 + 1 + 2 + 1), (truck(), 6 + 6 + 6 + 1 + 2 + 1), (six_by_six(), 6 + 6 + 6 + 1 + 3 + 1)],
+    [
+        (off_roader(power=True), 6 + 4 + 4 + 1 + 2 + 1),
+        (truck(), 6 + 6 + 6 + 1 + 2 + 1),
+        (six_by_six(), 6 + 6 + 6 + 1 + 3 + 1),
+    ],
 )
 def test_the_crankshaft_is_one_more_degree_of_freedom(vehicle: dict[str, Any], dof: int) -> None:
-    """Chassis, wheels, axles, pitman arm, shafts, crankshaft; gears and centre differential have none: they are friction over speeds."""
+    """Chassis, wheels, axles, pitman arm, shafts, crankshaft; gears and centre differential have none: they are
+    friction over speeds."""
     counts = Simulation(scene(vehicle)).describe()
     assert counts['redundant_rows'] == []
     assert counts['dof'] == dof
@@ -66,10 +71,12 @@ def test_the_crankshaft_is_one_more_degree_of_freedom(vehicle: dict[str, Any], d
     ],
 )
 @pytest.mark.parametrize('accelerator', [0.5, 0.0])  # drive, and coast on the brake of the engine
-def test_speeds_and_torques_stand_in_the_ratios_and_shares(vehicle: dict[str, Any], shares: dict[str, float], accelerator: float) -> None:
-    """In a bend, where the axles turn differently fast: the crankshaft by ratio of gear and final drive faster than the mean of the axles
-    that the shares weigh; torques at the wheels are the shares of that of the engine times these, less what shafts take to turn faster
-    (1 %)."""
+def test_speeds_and_torques_stand_in_the_ratios_and_shares(
+    vehicle: dict[str, Any], shares: dict[str, float], accelerator: float
+) -> None:
+    """In a bend, where the axles turn differently fast: the crankshaft by ratio of gear and final drive faster than the
+    mean of the axles that the shares weigh; torques at the wheels are the shares of that of the engine times these,
+    less what shafts take to turn faster (1 %)."""
     steering = {'maneuver': {'steering': {'kind': 'step', 'value': 3.0, 'start': 0.1, 'rise': 0.5}}}
     run = driving(vehicle, 8.0, 2, accelerator, **steering)
     run.advance(2000)
@@ -86,17 +93,25 @@ def test_speeds_and_torques_stand_in_the_ratios_and_shares(vehicle: dict[str, An
 
 
 @pytest.mark.parametrize('transfer', [None, LOCK, {'damping': 150.0}])
-def test_power_into_the_gearbox_is_that_at_the_wheels_and_what_is_stored_and_lost(transfer: dict[str, Any] | None) -> None:
-    """Full accelerator in a bend, over 1.5 s from the crankshaft to the differentials: work in = work at the wheels + what rolls the axles
-    against the engine, whose shafts twist with it + spin of the shafts + springs of final drives, clutch and transfer case + their heat,
-    within 0.1 J of 31 kJ. The account of energy of the whole car closes likewise."""
+def test_power_into_the_gearbox_is_that_at_the_wheels_and_what_is_stored_and_lost(
+    transfer: dict[str, Any] | None,
+) -> None:
+    """Full accelerator in a bend, over 1.5 s from the crankshaft to the differentials: work in = work at the wheels +
+    what rolls the axles against the engine, whose shafts twist with it + spin of the shafts + springs of final drives,
+    clutch and transfer case + their heat, within 0.1 J of 31 kJ. The account of energy of the whole car closes
+    likewise."""
     steering = {'maneuver': {'steering': {'kind': 'step', 'value': 4.0, 'start': 0.1, 'rise': 0.5}}}
     run = driving(off_roader(power=True, shares=(0.3, 0.7), transfer=transfer), 6.0, 2, 1.0, **steering)
 
     def now() -> tuple[float, float, float, float]:
         """Power in, power out and lost, and energy stored [W], [J]."""
         turning, drives, box = rates(run), forces(run), forces(run, 'clutches')['clutch']
-        inner = [drives['final_drive_front'], drives['final_drive_rear'], box, *([drives['transfer']] if transfer else [])]
+        inner = [
+            drives['final_drive_front'],
+            drives['final_drive_rear'],
+            box,
+            *([drives['transfer']] if transfer else []),
+        ]
         out = sum(drives[f'final_drive_{axle}']['force'] * outputs(turning, axle) for axle in ('front', 'rear'))
         lock = drives['transfer']['force'] / RATIO if transfer else 0.0
         for axle, torque in (('front', box['on_first'] + lock), ('rear', box['on_second'] - lock)):
@@ -122,10 +137,10 @@ def test_power_into_the_gearbox_is_that_at_the_wheels_and_what_is_stored_and_los
 
 @pytest.mark.parametrize('shares', [(0.5, 0.5), (0.0, 1.0)])
 def test_a_housing_carries_the_torque_of_its_shaft_along_and_none_across(shares: tuple[float, float]) -> None:
-    """The free body of the rear axle, straight on at 0.6 of the accelerator: besides tires, springs, links, weight and inertia it gets the
-    torque of its propeller shaft about x, and none about y, where that of the drive is an inner one. Within 1 %
-    of the torques of shaft and wheels; without drive none at all. The shaft turns clockwise seen from the front, as a real engine does:
-    that takes load off the right wheel."""
+    """The free body of the rear axle, straight on at 0.6 of the accelerator: besides tires, springs, links, weight and
+    inertia it gets the torque of its propeller shaft about x, and none about y, where that of the drive is an inner
+    one. Within 1 % of the torques of shaft and wheels; without drive none at all. The shaft turns clockwise seen from
+    the front, as a real engine does: that takes load off the right wheel."""
     run = driving(off_roader(power=True, shares=shares), 4.0, 1, 0.6)
     run.advance(1500)
     torque = forces(run, 'clutches')['clutch']['on_second']
@@ -152,14 +167,16 @@ def test_of_a_shaft_through_an_axle_that_carries_no_more_than_its_own_share() ->
         assert found.across == pytest.approx(0.0, abs=0.01 * RATIO * torque)
 
 
-ICE = {'patches': [{'center': [11.0, 0.0], 'size': [20.0, 10.0], 'factor': 0.1, 'blend': 0.1}]}  # from 1 m before the middle of the car on
+# from 1 m before the middle of the car on
+ICE = {'patches': [{'center': [11.0, 0.0], 'size': [20.0, 10.0], 'factor': 0.1, 'blend': 0.1}]}
 
 
 FLOORED = {'kind': 'step', 'value': 1.0, 'start': 0.05, 'rise': 0.1}
 
 
 class OnIce:
-    """A car that starts with its front axle on ice: speeds of its axles, and the torque that each needs at its wheels."""
+    """A car that starts with its front axle on ice: speeds of its axles, and the torque that each needs at its
+    wheels."""
 
     def __init__(self, transfer: dict[str, Any] | None, share: float) -> None:
         run = driving(off_roader(power=True, shares=(share, 1.0 - share), transfer=transfer), 1.0, 1, FLOORED, road=ICE)
@@ -190,7 +207,8 @@ def test_an_open_centre_differential_gives_the_axle_with_grip_what_slips_in_fron
 
 
 def test_a_locked_one_gives_the_rest_to_the_axle_with_grip() -> None:
-    """Both axles turn alike, and what the front tires cannot hold pulls behind: the torque of the gearbox less that of the ice."""
+    """Both axles turn alike, and what the front tires cannot hold pulls behind: the torque of the gearbox less that of
+    the ice."""
     found, opened = OnIce(LOCK, 0.5), OnIce(None, 0.5)
     assert found.speeds[0] == pytest.approx(found.speeds[1], rel=0.05)
     assert found.needs == pytest.approx(found.given + np.array([1.0, -1.0]) * found.locked, rel=0.02)
@@ -201,11 +219,16 @@ def test_a_locked_one_gives_the_rest_to_the_axle_with_grip() -> None:
 @pytest.mark.slow
 def test_the_level_condensed_keeps_it() -> None:
     """A step of the steering wheel under power, of the off-roader with a locked transfer case and of the truck."""
-    maneuver = {'signals': {'gear': 3, 'accelerator': 0.5}, 'steering': {'kind': 'step', 'value': 1.0, 'start': 0.2, 'rise': 0.3}}
+    maneuver = {
+        'signals': {'gear': 3, 'accelerator': 0.5},
+        'steering': {'kind': 'step', 'value': 1.0, 'start': 0.2, 'rise': 0.3},
+    }
     for vehicle in (off_roader(power=True, transfer=LOCK), truck()):
         found = []
         for level in ('full', 'condensed'):
-            run = simulation_of(scene(vehicle, fidelity=level, start={'kind': 'equilibrium', 'speed': 12.0}, maneuver=maneuver))
+            run = simulation_of(
+                scene(vehicle, fidelity=level, start={'kind': 'equilibrium', 'speed': 12.0}, maneuver=maneuver)
+            )
             run.advance(2000)
             twist = run.snapshot().twist[run.channels.chassis or 0]
             found.append((twist[5], twist[0], rates(run)['crankshaft']))
@@ -244,10 +267,18 @@ inset: 0.08
 
 @pytest.mark.slow
 def test_a_gearbox_across_the_car_drives_its_half_shafts_and_a_shaft_to_the_rear_axle() -> None:
-    """The compact: torques at the wheels are the shares times the final drive of each axle, 4.06 in front and 2.5 behind; speeds too."""
-    text = 'vehicle: vehicles/compact_fwd.yaml\nstart: {kind: equilibrium, speed: 12}\nmaneuver: {signals: {gear: 2, accelerator: 0.5}}\n'
+    """The compact: torques at the wheels are the shares times the final drive of each axle, 4.06 in front and 2.5
+    behind; speeds too."""
+    text = (
+        'vehicle: vehicles/compact_fwd.yaml\nstart: {kind: equilibrium, speed: 12}\nmaneuver: {signals: {gear: 2, '
+        'accelerator: 0.5}}\n'
+    )
     drive = '{' + ', '.join(line for line in BEHIND.strip().split('\n')) + '}'
-    changes = ('vehicle.engine.power=docs/examples/power.yaml', 'vehicle.axles.front.drive.share=0.6', f'vehicle.axles.rear.drive={drive}')
+    changes = (
+        'vehicle.engine.power=docs/examples/power.yaml',
+        'vehicle.axles.front.drive.share=0.6',
+        f'vehicle.axles.rear.drive={drive}',
+    )
     run = Simulation(load_scene_text(text, 'compact', changes))
     run.advance(2000)
     turning, box, drives = rates(run), forces(run, 'clutches')['clutch'], forces(run)

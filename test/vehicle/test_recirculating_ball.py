@@ -1,4 +1,5 @@
-"""Steering box with pitman arm, idler arm and relay link: the four-bar linkage, its ratio, its symmetry, and what the hand holds."""
+"""Steering box with pitman arm, idler arm and relay link: the four-bar linkage, its ratio, its symmetry, and what the
+hand holds."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ BOX = RecirculatingBall(
     pitman=Lever(pivot=(1.595, 0.34, 0.332), ball=(1.745, 0.34, 0.332), mass=1.6),
     idler=Lever(pivot=(1.595, -0.34, 0.332), ball=(1.745, -0.34, 0.332), mass=1.2),
     link_mass=2.4, link_damping=2200.0, stiffness=330.0, damping=1.8,
-    pinion_foot=(1.62, 0.36, 0.43), pinion_joint=(1.40, 0.36, 0.58), column_joint=(0.96, 0.36, 0.88), wheel_hub=(0.52, 0.36, 1.18),
+    pinion_foot=(1.62, 0.36, 0.43), pinion_joint=(1.40, 0.36, 0.58), column_joint=(0.96, 0.36, 0.88),
+    wheel_hub=(0.52, 0.36, 1.18),
     pinion_mass=0.8, shaft_mass=1.9, wheel_mass=4.0, wheel_inertia=0.042,
 )  # fmt: skip
 SKEW = dataclasses.replace(
@@ -48,7 +50,8 @@ def pickup(steering: RecirculatingBall | None = None) -> Car:
 
 
 def angles(rig: Rig, steering: float) -> tuple[float, float, float, np.ndarray]:
-    """(turn of the pinion, of the pitman arm, of the idler arm, place of the relay link (3,)) at an angle of the steering wheel."""
+    """(turn of the pinion, of the pitman arm, of the idler arm, place of the relay link (3,)) at an angle of the
+    steering wheel."""
     rig.settle({'steering': steering})
     names, angle = list(rig.model.coordinate_names), rig.state.angle
     pinion, pitman, idler = (float(angle[names.index(name)]) for name in ('steering_pinion', 'pitman_arm', 'idler_arm'))
@@ -56,8 +59,9 @@ def angles(rig: Rig, steering: float) -> tuple[float, float, float, np.ndarray]:
 
 
 def idler_angle(box: RecirculatingBall, turn: float) -> float:
-    """Turn of the idler arm by the closing triangle of the four-bar linkage, in the plane: the ball of the turned pitman arm, the pivot of
-    the idler arm, and the other ball between them by the law of cosines, on the side where it was."""
+    """Turn of the idler arm by the closing triangle of the four-bar linkage, in the plane: the ball of the turned
+    pitman arm, the pivot of the idler arm, and the other ball between them by the law of cosines, on the side where it
+    was."""
     pivot, ball = np.array(box.pitman.pivot[:2]), np.array(box.pitman.ball[:2])
     base, other = np.array(box.idler.pivot[:2]), np.array(box.idler.ball[:2])
     a, b = math.dist(base, other), math.dist(ball, other)
@@ -79,7 +83,8 @@ def test_the_linkage_turns_as_the_four_bar_linkage_does(box: RecirculatingBall) 
     for steering in (-6.0, 2.0, 7.0):
         pinion, pitman, idler, _ = angles(rig, steering)
         assert pinion == pytest.approx(steering, abs=1e-9)  # shafts in line
-        assert pitman == pytest.approx((steering - rig.state.lam[driver] / 330.0) / 18.0, rel=1e-9)  # the torsion bar gives way
+        # the torsion bar gives way
+        assert pitman == pytest.approx((steering - rig.state.lam[driver] / 330.0) / 18.0, rel=1e-9)
         assert idler == pytest.approx(idler_angle(box, pitman), rel=1e-9)
 
 
@@ -88,7 +93,9 @@ def test_a_parallelogram_carries_its_link_on_a_circle() -> None:
     start = angles(rig, 0.0)[3]
     _, pitman, idler, moved = angles(rig, 5.0)
     assert idler == pytest.approx(pitman, rel=1e-9)
-    np.testing.assert_allclose(moved - start, (0.15 * (math.cos(pitman) - 1.0), 0.15 * math.sin(pitman), 0.0), atol=1e-9)
+    np.testing.assert_allclose(
+        moved - start, (0.15 * (math.cos(pitman) - 1.0), 0.15 * math.sin(pitman), 0.0), atol=1e-9
+    )
 
 
 def test_left_and_right_are_alike_and_left_is_left() -> None:
@@ -101,7 +108,8 @@ def test_left_and_right_are_alike_and_left_is_left() -> None:
 
 
 def test_the_hand_holds_what_virtual_work_asks_for() -> None:
-    """Aligning moments at both wheels: the torque at the steering wheel times its turn is their work at the turn of the wheels."""
+    """Aligning moments at both wheels: the torque at the steering wheel times its turn is their work at the turn of the
+    wheels."""
     rig = Rig(car_model(without_bushings(pickup(BOX))))
     driver = rig.model.row_names.index('driver')
     turned = {}
@@ -145,8 +153,8 @@ def run(simulation: Simulation, seconds: float) -> np.ndarray:
 
 
 def test_the_example_drives_as_the_pickup_with_its_rack() -> None:
-    """The same travel of the tie rods per turn of the pinion and the same help: for the same angle of the road wheels on the bench, which
-    differs by the joints of the column, the same bend, and the same torque."""
+    """The same travel of the tie rods per turn of the pinion and the same help: for the same angle of the road wheels
+    on the bench, which differs by the joints of the column, the same bend, and the same torque."""
     (box, ours), (other, rack) = drive(EXAMPLE, 'vehicle.steering.friction=0'), drive()
     wheels = [Rig(s.model.spec).settle({'steering': 0.55}) for s in (box, other)]
     ratio, theirs = (sum(corners[f'front_{side}']['steer'] for side in ('left', 'right')) for corners in wheels)
@@ -170,7 +178,10 @@ def test_an_idler_arm_on_rubber_gives_way() -> None:
     soft = Bushing(stiffness=(5e6, 5e6, 5e6, 2000.0, 2000.0, 0.0), axis=(0.0, 0.0, 1.0))
     car = dataclasses.replace(without_bushings(pickup()), steering=dataclasses.replace(BOX, idler_bushing=soft))
     counts = Simulation(Scene(name='soft', model=car_model(car))).describe()
-    assert counts['dof'] == Simulation(Scene(name='ideal', model=car_model(without_bushings(pickup(BOX))))).describe()['dof'] + 5
+    assert (
+        counts['dof']
+        == Simulation(Scene(name='ideal', model=car_model(without_bushings(pickup(BOX))))).describe()['dof'] + 5
+    )
 
 
 @pytest.mark.parametrize(
@@ -178,8 +189,14 @@ def test_an_idler_arm_on_rubber_gives_way() -> None:
     [
         ('ratio=0', r'vehicle\.steering\.ratio = 0\.0: must be > 0'),
         ('link_damping=-1', r'vehicle\.steering\.link_damping = -1\.0: must be >= 0'),
-        ('pitman.ball=[1.560, 0.2, 0.332]', r'vehicle\.steering\.pitman = 0\.0: its ball must move sideways when it turns'),
-        ('kind=recirculating_bal', "vehicle\\.steering\\.kind = recirculating_bal: unknown kind; did you mean 'recirculating_ball'"),
+        (
+            'pitman.ball=[1.560, 0.2, 0.332]',
+            r'vehicle\.steering\.pitman = 0\.0: its ball must move sideways when it turns',
+        ),
+        (
+            'kind=recirculating_bal',
+            "vehicle\\.steering\\.kind = recirculating_bal: unknown kind; did you mean 'recirculating_ball'",
+        ),
         ('rack_per_turn=0.05', r'vehicle\.steering\.rack_per_turn: unknown key'),
     ],
 )

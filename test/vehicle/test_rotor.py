@@ -22,7 +22,9 @@ from solver.vehicle.parts import LEFTWARDS
 from solver.vehicle.rotor import Rotor, rotor
 
 INERTIA, RATIO = 0.02, 9.0
-OF_WHEELS = tuple(f'vehicle.axles.{axle}.drive.rotor={{inertia: {INERTIA}, ratio: {RATIO}}}' for axle in ('front', 'rear'))
+OF_WHEELS = tuple(
+    f'vehicle.axles.{axle}.drive.rotor={{inertia: {INERTIA}, ratio: {RATIO}}}' for axle in ('front', 'rear')
+)
 
 
 def driven(vehicle: str, *changes: str, level: str = 'full', torque: float = 400.0) -> Simulation:
@@ -55,9 +57,10 @@ def acceleration(simulation: Simulation) -> tuple[float, float]:
     ],
 )
 def test_a_car_accelerates_as_one_of_its_mass_and_those_of_what_turns(vehicle, changes, rotors, level, torque):
-    """m_eff = m + sum of J i^2 / r^2 over rotors and wheels: with the same torque against nearly the same resistance accelerations stand
-    in the inverse ratio of these masses. The differential turns its rotor with the mean of its wheels. The cars are without air; the
-    tolerance is that of what rolls, some percent of the force, and of the shafts that turn besides.
+    """m_eff = m + sum of J i^2 / r^2 over rotors and wheels: with the same torque against nearly the same resistance
+    accelerations stand in the inverse ratio of these masses. The differential turns its rotor with the mean of its
+    wheels. The cars are without air; the tolerance is that of what rolls, some percent of the force, and of the shafts
+    that turn besides.
     """
     plain = driven(vehicle, level=level, torque=torque)
     without, radius = acceleration(plain)
@@ -72,7 +75,8 @@ def test_a_car_accelerates_as_one_of_its_mass_and_those_of_what_turns(vehicle, c
 def test_the_bearing_gives_the_carrier_what_the_rotor_takes():
     """A carrier that is free to turn about y, a wheel and a rotor on it, a torque T between wheel and carrier, ratio i:
 
-    kinetic energy  Ic c'^2 / 2 + Iw (c' + x')^2 / 2 + J (c' + i x')^2 / 2     for the angle x of the wheel against the carrier
+    kinetic energy  Ic c'^2 / 2 + Iw (c' + x')^2 / 2 + J (c' + i x')^2 / 2     for the angle x of the wheel against the
+                    carrier
     so that         (Ic + Iw + J) c'' + (Iw + i J) x'' = 0      and      (Iw + i J) c'' + (Iw + i^2 J) x'' = T
     """
     carrier = RigidBodySpec(name='carrier', mass=10.0, inertia=(5.0, 8.0, 5.0, 0.0, 0.0, 0.0))
@@ -85,16 +89,22 @@ def test_the_bearing_gives_the_carrier_what_the_rotor_takes():
         JointSpec(name='wheel', kind='revolute', i=on_carrier, j=on_wheel),
     )
     model = ModelSpec(
-        bodies=(carrier, wheel, *parts.bodies), joints=(*bearings, *parts.joints), couplers=parts.couplers, gravity=(0.0, 0.0, 0.0),
-        coordinate_forces=(CoordinateForceSpec(name='motor', terms=(('wheel', 1.0),), input='torque'),), inputs=('torque',),
+        bodies=(carrier, wheel, *parts.bodies), joints=(*bearings, *parts.joints), couplers=parts.couplers,
+        gravity=(0.0, 0.0, 0.0),
+        coordinate_forces=(CoordinateForceSpec(name='motor', terms=(('wheel', 1.0),), input='torque'),),
+        inputs=('torque',),
     )  # fmt: skip
-    scene = Scene(name='rotor', model=model, maneuver=Maneuver(signals={'torque': 3.0}), integrator=IntegratorSettings(h=1e-3))
+    scene = Scene(
+        name='rotor', model=model, maneuver=Maneuver(signals={'torque': 3.0}), integrator=IntegratorSettings(h=1e-3)
+    )
     simulation = Simulation(scene)
     shot = simulation.advance(100)
     rates = dict(zip(simulation.channels.joints, shot.joint_velocity.tolist(), strict=True))
     J, i = 0.05, 4.0
     turned = np.linalg.solve([[8.0 + 1.0 + J, 1.0 + i * J], [1.0 + i * J, 1.0 + i * i * J]], [0.0, 3.0]) * 0.1
-    assert (rates['carrier'], rates['wheel'], rates['rotor']) == pytest.approx((turned[0], turned[1], i * turned[1]), rel=1e-6)
+    assert (rates['carrier'], rates['wheel'], rates['rotor']) == pytest.approx(
+        (turned[0], turned[1], i * turned[1]), rel=1e-6
+    )
 
 
 def test_a_rotor_that_cannot_be_is_refused():

@@ -1,8 +1,10 @@
-"""Froude similarity: a light car at s times its size is measured, and drives, as the light car does, with times and speeds by s^(1/2).
+"""Froude similarity: a light car at s times its size is measured, and drives, as the light car does, with times and
+speeds by s^(1/2).
 
-What differs are floors that are not those of a car alone: a step of whole nanoseconds, the smallest force that an iteration leaves, and
-speeds below which the contact of a tire is that of a standing one (SMALL_TIRE is no part of the light car's). So what is driven agrees to
-1e-5, what the bench finds to 1e-8, and only damping at rest, of the contact, within a tenth.
+What differs are floors that are not those of a car alone: a step of whole nanoseconds, the smallest force that an
+iteration leaves, and speeds below which the contact of a tire is that of a standing one (SMALL_TIRE is no part of the
+light car's). So what is driven agrees to 1e-5, what the bench finds to 1e-8, and only damping at rest, of the contact,
+within a tenth.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ EXPONENTS = {  # of the factor of lengths; what is not here is an angle, a share
     'wheel_rate_': 2.0, 'roll_stiffness_': 4.0,
     'roll_center_': 1.0, 'bump_': -1.0, 'sag_': 1.0, 'response_time': 0.5,
 }  # fmt: skip
-AT_REST = ('bounce_', 'pitch_', 'roll_frequency', 'roll_damping', 'wheel_hop_', 'sag_')  # where the contact of standing tires counts
+# where the contact of standing tires counts
+AT_REST = ('bounce_', 'pitch_', 'roll_frequency', 'roll_damping', 'wheel_hop_', 'sag_')
 DRIVEN = ('understeer_gradient', 'roll_gradient', 'steering_sensitivity', 'response_time')
 
 
@@ -43,7 +46,11 @@ def exponent(name: str) -> float:
 def found(directory: Path, s: float) -> Figures:
     """All figures of the light car at s times its size."""
     return all_figures(
-        standing(load_scene_text(f'vehicle: {similar_car(directory / f"{s:g}", s)}\nstart: {{kind: equilibrium}}\n', 'similar'))
+        standing(
+            load_scene_text(
+                f'vehicle: {similar_car(directory / f"{s:g}", s)}\nstart: {{kind: equilibrium}}\n', 'similar'
+            )
+        )
     )
 
 
@@ -62,7 +69,8 @@ def test_figures_of_a_similar_car_are_those_of_the_car(original, tmp_path, s):
     figures, failed = found(tmp_path, s)
     assert not failed and figures.keys() == original.keys()
     for name, value in figures.items():
-        if name in ('com_y', 'sag_front', 'sag_rear'):  # zero by symmetry and by design, but for rounding and the tires' stiffness
+        # zero by symmetry and by design, but for rounding and the tires' stiffness
+        if name in ('com_y', 'sag_front', 'sag_rear'):
             assert abs(value) < 1e-3 * figures['wheelbase']
             continue
         if name.startswith(('toe_', 'camber_')):  # of wheels that stand: as nearly as these
@@ -73,13 +81,25 @@ def test_figures_of_a_similar_car_are_those_of_the_car(original, tmp_path, s):
 
 
 def test_sizes_and_what_follows_from_them(tmp_path):
-    """By hand, at 1/10: 1e-3 of the mass, so 1e-4 of the moments and 1e-2 of the stiffnesses. Passenger cars are all of one size."""
+    """By hand, at 1/10: 1e-3 of the mass, so 1e-4 of the moments and 1e-2 of the stiffnesses. Passenger cars are all of
+    one size."""
     model = load_scene_text(f'vehicle: {similar_car(tmp_path, 0.1)}\nstart: {{kind: equilibrium}}\n', 'similar').model
     size = size_of(model)
     assert size == pytest.approx((0.1, 1e-3), rel=1e-3)
     assert (size.time, size.torque, size.stiffness) == pytest.approx((0.1**0.5, 1e-4, 1e-2), rel=1e-3)
-    for car in ('light_car', 'full_car', 'compact_fwd', 'formula_student', 'pickup_awd', 'electric_4wd', 'wishbone_car'):
-        assert size_of(load_scene_text(f'vehicle: vehicles/{car}.yaml\nstart: {{kind: equilibrium}}\n', car).model) == Size(), car
+    for car in (
+        'light_car',
+        'full_car',
+        'compact_fwd',
+        'formula_student',
+        'pickup_awd',
+        'electric_4wd',
+        'wishbone_car',
+    ):
+        assert (
+            size_of(load_scene_text(f'vehicle: vehicles/{car}.yaml\nstart: {{kind: equilibrium}}\n', car).model)
+            == Size()
+        ), car
     channels = simulation_of(load_scene_text('vehicle: vehicles/light_car.yaml\nduration: 0.01\n', 'car')).channels
     assert quantity('wheel_load.front_left', channels, size).least == pytest.approx(0.1, rel=1e-3)  # of 100 N
     assert quantity('yaw_rate', channels, size).least == pytest.approx(0.01 / 0.1**0.5, rel=1e-3)
@@ -106,7 +126,8 @@ def test_figures_of_a_standing_car_stay_where_a_drive_fails(monkeypatch):
 
 @pytest.mark.slow
 def test_a_lorry_of_forty_tons_has_figures_and_maps(tmp_path):
-    """The light car 2.4 times as large, with 1.15 of its body as load more, springs and tires for it (twin tires behind, as one).
+    """The light car 2.4 times as large, with 1.15 of its body as load more, springs and tires for it (twin tires
+    behind, as one).
 
     Masses and rates by hand; the level kc keeps the load that its front wheels carry.
     """
@@ -145,7 +166,8 @@ def lorry(directory: Path) -> Path:
 
 
 def driven(directory: Path, s: float, fidelity: str) -> np.ndarray:
-    """(n, 4) yaw rate times s^(1/2), velocities over it, lateral specific force of the car at a level, in a step of the steering wheel."""
+    """(n, 4) yaw rate times s^(1/2), velocities over it, lateral specific force of the car at a level, in a step of the
+    steering wheel."""
     t = s**0.5
     scene = f"""
 vehicle: {similar_car(directory / f'{s:g}', s)}
@@ -158,13 +180,16 @@ duration: {round(1.5 * t, 6)!r}
     simulation = simulation_of(load_scene_text(scene, 'similar'))
     chassis = simulation.channels.chassis
     shots = [simulation.advance(100) for _ in range(15)]
-    return np.array([(t * x.twist[chassis, 5], x.twist[chassis, 0] / t, x.twist[chassis, 1] / t, x.imu[1]) for x in shots])
+    return np.array(
+        [(t * x.twist[chassis, 5], x.twist[chassis, 0] / t, x.twist[chassis, 1] / t, x.imu[1]) for x in shots]
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('fidelity', ['full', 'condensed', 'kc', pytest.param('single_track', marks=pytest.mark.long)])
 def test_a_similar_car_drives_as_the_car_at_every_level(tmp_path, fidelity):
-    """To 1e-5 of the peaks; the level single_track is identified while creeping, too, where the contact of standing tires counts: 2e-3."""
+    """To 1e-5 of the peaks; the level single_track is identified while creeping, too, where the contact of standing
+    tires counts: 2e-3."""
     wanted = driven(tmp_path, 1.0, fidelity)
     for s in SCALES if fidelity != 'single_track' else SCALES[:1]:
         error = np.abs(driven(tmp_path, s, fidelity) - wanted).max(axis=0) / np.abs(wanted).max(axis=0)

@@ -1,4 +1,5 @@
-"""Snaking of car and trailer: frequency and damping of the simulated car against a linear single-track model of it on its own paper."""
+"""Snaking of car and trailer: frequency and damping of the simulated car against a linear single-track model of it on
+its own paper."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ IDENTIFIED = 20.0  # m/s
 
 @pytest.mark.slow
 def test_frequency_and_damping_are_those_of_the_linear_model() -> None:
-    """Identified at one speed, from steady turns; compared from 72 to 144 km/h, with and without a damper in the coupling."""
+    """Identified at one speed, from steady turns; compared from 72 to 144 km/h, with and without a damper in the
+    coupling."""
     track = single_track('light_car', IDENTIFIED, *FLAT)
     for u in (20.0, 40.0):
         frequency, damping = track.snaking(u)
@@ -34,7 +36,8 @@ def test_frequency_and_damping_are_those_of_the_linear_model() -> None:
 
 @pytest.mark.slow
 def test_loaded_behind_it_snakes_by_itself_from_the_critical_speed_on() -> None:
-    """The load over the axle: the critical speed of the linear model is that at which the simulated one stops to calm down."""
+    """The load over the axle: the critical speed of the linear model is that at which the simulated one stops to calm
+    down."""
     loaded = (*FLAT, 'vehicle.trailer.chassis.com[0]=0')
     critical = single_track('light_car', IDENTIFIED, *loaded).critical_speed(15.0, 60.0)
     assert 25.0 < critical < 35.0
@@ -47,7 +50,11 @@ def test_loaded_behind_it_snakes_by_itself_from_the_critical_speed_on() -> None:
 @pytest.mark.slow
 def test_damping_falls_with_speed_and_with_load_behind() -> None:
     """The saloon with the caravan as delivered, and with the same load further back [Darling2009]."""
-    found = {(x, u): snaking('full_car', u, f'vehicle.trailer.chassis.com[0]={x}')[1] for x in (0.243, 0.0) for u in (20.0, 30.0)}
+    found = {
+        (x, u): snaking('full_car', u, f'vehicle.trailer.chassis.com[0]={x}')[1]
+        for x in (0.243, 0.0)
+        for u in (20.0, 30.0)
+    }
     for u in (20.0, 30.0):
         assert found[0.243, u] > found[0.0, u]
     assert all(found[x, 20.0] > found[x, 30.0] for x in (0.243, 0.0))

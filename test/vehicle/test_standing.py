@@ -1,4 +1,5 @@
-"""A vehicle on its rolling resistance: it stands where the slope is less, rolls where it is more, and coasts to a standstill."""
+"""A vehicle on its rolling resistance: it stands where the slope is less, rolls where it is more, and coasts to a
+standstill."""
 
 from __future__ import annotations
 
@@ -15,9 +16,16 @@ RESISTANCE, RADIUS = 0.0085, 0.316  # of the tires of light_car and full_car: QS
 G = 9.81
 
 
-def car(slope: float, *settings: str, speed: float = 0.0, vehicle: str = 'light_car', level: str = 'full') -> Simulation:
+def car(
+    slope: float, *settings: str, speed: float = 0.0, vehicle: str = 'light_car', level: str = 'full'
+) -> Simulation:
     """A free car that faces up a slope, without brakes."""
-    given = [f'vehicle=vehicles/{vehicle}.yaml', f'start.speed={speed}', f'road.normal=[{-slope}, 0, 1]', f'fidelity={level}']
+    given = [
+        f'vehicle=vehicles/{vehicle}.yaml',
+        f'start.speed={speed}',
+        f'road.normal=[{-slope}, 0, 1]',
+        f'fidelity={level}',
+    ]
     found = simulation_of(load_scene('light_car_straight', [*given, 'maneuver={}', *settings]))
     assert isinstance(found, Simulation)
     return found
@@ -40,7 +48,8 @@ CARS = [
 
 @pytest.mark.parametrize(('vehicle', 'level', 'h'), CARS)
 def test_a_free_car_stands_on_less_than_its_rolling_resistance(vehicle: str, level: str, h: float) -> None:
-    """0.5 % against 0.85 %: it gives way by what its treads give of that, tires and suspension by less than a millimetre, and stands."""
+    """0.5 % against 0.85 %: it gives way by what its treads give of that, tires and suspension by less than a
+    millimetre, and stands."""
     s = car(0.005, f'integrator.h={h}', vehicle=vehicle, level=level)
     begin, _ = place(s)
     s.advance(round(8.0 / h))
@@ -53,7 +62,8 @@ def test_a_free_car_stands_on_less_than_its_rolling_resistance(vehicle: str, lev
 
 @pytest.mark.parametrize(('vehicle', 'level', 'h'), CARS[:2])
 def test_beyond_it_rolls_against_the_whole_of_it(vehicle: str, level: str, h: float) -> None:
-    """Each wheel: I dw/dt = My - Fx R_l, the whole: m a = sum Fx - m g sin(slope). Drag at 1 m/s is a thousandth of that."""
+    """Each wheel: I dw/dt = My - Fx R_l, the whole: m a = sum Fx - m g sin(slope). Drag at 1 m/s is a thousandth of
+    that."""
     slope = 3.0 * RESISTANCE
     s = car(slope, f'integrator.h={h}', vehicle=vehicle, level=level)
     s.advance(round(2.0 / h))
@@ -61,17 +71,23 @@ def test_beyond_it_rolls_against_the_whole_of_it(vehicle: str, level: str, h: fl
     _, after = place(s)
     mass = sum(body.mass for body in s.model.spec.bodies)
     spins, loaded = shot.tire[:, SPIN], RADIUS - shot.tire[:, DEFLECTION]
-    turning = sum(body.inertia[1] for body in s.model.spec.bodies if body.name.startswith('wheel_')) * (spins / after / loaded).mean()
+    turning = (
+        sum(body.inertia[1] for body in s.model.spec.bodies if body.name.startswith('wheel_'))
+        * (spins / after / loaded).mean()
+    )
     lost = float((shot.tire[:, MY] / loaded).sum())
     assert np.all(shot.tire[:, MY] * spins < 0.0)
-    assert after - before == pytest.approx((lost - mass * G * slope / np.hypot(1.0, slope)) / (mass + turning), rel=5e-3)
+    assert after - before == pytest.approx(
+        (lost - mass * G * slope / np.hypot(1.0, slope)) / (mass + turning), rel=5e-3
+    )
     assert lost == pytest.approx(RESISTANCE * mass * G, rel=0.1)  # of the loaded radius, over the unloaded one
     assert abs(after - before) == pytest.approx(G * (slope - RESISTANCE), rel=0.1)
 
 
 @pytest.mark.parametrize('way', [1.0, -1.0])
 def test_a_car_coasts_to_a_standstill(way: float) -> None:
-    """From 0.4 m/s on the flat, forwards and in reverse: half a metre or more at f g, back by what the treads give, and it stands."""
+    """From 0.4 m/s on the flat, forwards and in reverse: half a metre or more at f g, back by what the treads give, and
+    it stands."""
     s = car(0.0, speed=way * 0.4)
     begin, _ = place(s)
     track = []
@@ -99,7 +115,8 @@ def test_a_single_track_coasts_to_a_standstill() -> None:
 
 @pytest.mark.slow
 def test_the_step_is_of_second_order_where_a_wheel_gives_and_stands() -> None:
-    """On 0.5 %, within the first half second, in which the treads only give: halving the step leaves a quarter of the error."""
+    """On 0.5 %, within the first half second, in which the treads only give: halving the step leaves a quarter of the
+    error."""
     ends = []
     for h in (4e-3, 2e-3, 1e-3, 0.5e-3):
         s = car(0.001, f'integrator.h={h}', 'integrator.iterations=8')

@@ -1,4 +1,5 @@
-"""Steered live axles: kingpins, track rod and drag link, from a file as a user would write it; and steered multi-link suspensions."""
+"""Steered live axles: kingpins, track rod and drag link, from a file as a user would write it; and steered multi-link
+suspensions."""
 
 from __future__ import annotations
 
@@ -28,7 +29,9 @@ from solver.vehicle.multilink import MultiLink
 from solver.vehicle.parts import Part
 
 EXAMPLES = Path(__file__).parents[2] / 'docs' / 'examples'
-FRONT, BOX = ((EXAMPLES / f'{name}.yaml').read_text(encoding='utf-8') for name in ('steered_live_axle', 'drag_link_steering'))
+FRONT, BOX = (
+    (EXAMPLES / f'{name}.yaml').read_text(encoding='utf-8') for name in ('steered_live_axle', 'drag_link_steering')
+)
 PROPSHAFT = """
 kind: live_axle
 ratio: 3.7
@@ -49,12 +52,15 @@ def moved_back(value: Any) -> Any:
     """A part of a file with all its points BEHIND the front axle."""
     if isinstance(value, dict):
         places = ('center', 'com', 'inner', 'outer', 'chassis', 'axle', 'damper_chassis', 'damper_axle')
-        return {key: np.subtract(one, BEHIND).tolist() if key in places else moved_back(one) for key, one in value.items()}
+        return {
+            key: np.subtract(one, BEHIND).tolist() if key in places else moved_back(one) for key, one in value.items()
+        }
     return value
 
 
 def off_roader(**axles: Any) -> dict[str, Any]:
-    """A car on two such axles, the front one steered, with ideal joints; axles: what they have beside their suspensions."""
+    """A car on two such axles, the front one steered, with ideal joints; axles: what they have beside their
+    suspensions."""
     front = yaml.safe_load(FRONT)
     rear = moved_back({key: value for key, value in front.items() if key != 'kingpins'})
     rear['brake']['share'] = 0.16
@@ -84,7 +90,8 @@ def turned(point: Any, side: float, angle: float) -> np.ndarray:
 
 
 def test_the_knuckles_turn_as_the_track_rod_has_them_and_the_inner_wheel_more() -> None:
-    """The turn of the right knuckle from that of the left one by the length of the rod alone, in the frame of the axle."""
+    """The turn of the right knuckle from that of the left one by the length of the rod alone, in the frame of the
+    axle."""
     rig = Rig(scene(off_roader()).model)
     names = list(rig.model.coordinate_names)
     ball = yaml.safe_load(FRONT)['kingpins']['track_rod']
@@ -93,21 +100,27 @@ def test_the_knuckles_turn_as_the_track_rod_has_them_and_the_inner_wheel_more() 
         rig.settle({'steering': steering})
         left, right = (float(rig.state.angle[names.index(f'kingpin_front_{side}')]) for side in ('left', 'right'))
         one = turned(ball, 1.0, left)
-        wanted = brentq(lambda angle, one=one: np.linalg.norm(turned(ball, -1.0, angle) - one) - length, left - 0.3, left + 0.3)
+        wanted = brentq(
+            lambda angle, one=one: np.linalg.norm(turned(ball, -1.0, angle) - one) - length, left - 0.3, left + 0.3
+        )
         assert right == pytest.approx(wanted, abs=1e-9)
         assert left * steering > 0.0
-        assert abs(left) > abs(right) if steering > 0.0 else abs(right) > abs(left)  # the rod lies behind the axle and is shorter than it
+        # the rod lies behind the axle and is shorter than it
+        assert abs(left) > abs(right) if steering > 0.0 else abs(right) > abs(left)
 
 
 def mirrored(points: Any) -> Any:
     """Parts that are given as they are, not for the left side, on the other side of the car."""
     if isinstance(points, dict):
-        return {key: [one[0], -one[1], one[2]] if isinstance(one, list) else mirrored(one) for key, one in points.items()}
+        return {
+            key: [one[0], -one[1], one[2]] if isinstance(one, list) else mirrored(one) for key, one in points.items()
+        }
     return points
 
 
 def other_handed() -> dict[str, Any]:
-    """The car with steering box, drag link, single rods and housings on the other side: the link pulls the left knuckle."""
+    """The car with steering box, drag link, single rods and housings on the other side: the link pulls the left
+    knuckle."""
     vehicle = off_roader()
     vehicle['steering'] = mirrored(vehicle['steering'])
     for axle in vehicle['axles'].values():
@@ -123,7 +136,9 @@ def test_a_drag_link_on_the_left_knuckle_steers_as_its_mirror_image_does() -> No
     angles = np.array([-4.0, -1.0, 0.0, 1.0, 4.0])
     there, here = (Rig(scene(vehicle).model).steering(angles) for vehicle in (off_roader(), other_handed()))
     for side, image in (('left', 'right'), ('right', 'left')):
-        np.testing.assert_allclose(here[f'front_{side}']['steer'], -there[f'front_{image}']['steer'][::-1], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            here[f'front_{side}']['steer'], -there[f'front_{image}']['steer'][::-1], rtol=0, atol=1e-9
+        )
         assert np.all(np.diff(here[f'front_{side}']['steer']) > 0.05)
 
 
@@ -145,10 +160,15 @@ wheel_inertia: 0.038
 
 
 def test_a_rack_pulls_the_drag_link() -> None:
-    """The right knuckle turns by the way of the rack over the lever of the ball about the kingpin, but for what the link turns (3 %)."""
+    """The right knuckle turns by the way of the rack over the lever of the ball about the kingpin, but for what the
+    link turns (3 %)."""
     rig = Rig(scene(off_roader() | {'steering': yaml.safe_load(RACK)}).model)
     pins = yaml.safe_load(FRONT)['kingpins']
-    low, high, ball = np.array(pins['lower']) * [1, -1, 1], np.array(pins['upper']) * [1, -1, 1], np.array(pins['drag_link']['outer'])
+    low, high, ball = (
+        np.array(pins['lower']) * [1, -1, 1],
+        np.array(pins['upper']) * [1, -1, 1],
+        np.array(pins['drag_link']['outer']),
+    )
     lever = np.cross((high - low) / np.linalg.norm(high - low), ball - low)
     pull = np.array(pins['drag_link']['outer']) - pins['drag_link']['inner']
     along = pull / np.linalg.norm(pull)
@@ -168,15 +188,21 @@ def test_it_has_no_redundant_rows_and_the_degrees_of_freedom_counted_by_hand() -
 
 
 def test_it_turns_to_both_sides_as_its_steering_says_and_holds_its_energy() -> None:
-    """The steady yaw rate of a slow bend is v / l of the mean angle of the front wheels, less what tires slip: 5 % at 0.5 m/s2. A
-    drag link on one side makes left and right differ by their steering angles alone."""
+    """The steady yaw rate of a slow bend is v / l of the mean angle of the front wheels, less what tires slip: 5 % at
+    0.5 m/s2. A drag link on one side makes left and right differ by their steering angles alone."""
     for steering in (1.5, -1.5):
         curve = Rig(scene(off_roader()).model).steering([0.0, steering])
         wheels = [curve[f'front_{side}']['steer'] for side in ('left', 'right')]
         angle = float(np.mean([steer[1] - steer[0] for steer in wheels]))
         maneuver = {'steering': {'kind': 'step', 'value': steering, 'start': 0.2, 'rise': 0.5}}
         run = Simulation(
-            scene(off_roader(), start={'kind': 'equilibrium', 'speed': 5.0}, maneuver=maneuver, duration=3.0, integrator={'h': 0.001})
+            scene(
+                off_roader(),
+                start={'kind': 'equilibrium', 'speed': 5.0},
+                maneuver=maneuver,
+                duration=3.0,
+                integrator={'h': 0.001},
+            )
         )
         shot = run.advance(3000)
         twist = shot.twist[run.channels.chassis or 0]
@@ -185,14 +211,23 @@ def test_it_turns_to_both_sides_as_its_steering_says_and_holds_its_energy() -> N
 
 
 def test_a_driven_one_pulls_with_its_torque_and_straight_on() -> None:
-    """Newton: the torque of the drive over the lever of the tire force, on the mass and on what turns; 2 % for resistance and slip."""
-    engine = {'part': {'mass': 200, 'com': [0.7, 0.1, 0.6], 'inertia': [10, 15, 14]}, 'mounts': {'middle': {'point': [0.7, 0.0, 0.5]}}}
+    """Newton: the torque of the drive over the lever of the tire force, on the mass and on what turns; 2 % for
+    resistance and slip."""
+    engine = {
+        'part': {'mass': 200, 'com': [0.7, 0.1, 0.6], 'inertia': [10, 15, 14]},
+        'mounts': {'middle': {'point': [0.7, 0.0, 0.5]}},
+    }
     vehicle = off_roader(front={'drive': yaml.safe_load(PROPSHAFT)}) | {'engine': engine}
     torque, at = 800.0, {'kind': 'equilibrium', 'speed': 8.0}
     speeds = []
     for pull in (0.0, torque):
         run = Simulation(
-            scene(vehicle, start=at, maneuver={'drive_torque': {'kind': 'step', 'value': pull, 'start': 0.1, 'rise': 0.1}}, duration=3.0)
+            scene(
+                vehicle,
+                start=at,
+                maneuver={'drive_torque': {'kind': 'step', 'value': pull, 'start': 0.1, 'rise': 0.1}},
+                duration=3.0,
+            )
         )
         run.advance(round(1.0 / run.h))
         before = run.snapshot().twist[run.channels.chassis or 0, 0]
@@ -207,7 +242,9 @@ def test_a_driven_one_pulls_with_its_torque_and_straight_on() -> None:
     mass = sum(body.mass for body in spec.bodies)
     wheels = sum(body.inertia[1] for body in spec.bodies if body.name.startswith('wheel_'))
     shafts = 3.7**2 * sum(0.5 * body.mass * 0.05**2 for body in spec.bodies if 'propshaft' in body.name)
-    assert speeds[1] - speeds[0] == pytest.approx(torque / lever / (mass + (wheels + shafts) / (lever * rolling)), rel=0.02)
+    assert speeds[1] - speeds[0] == pytest.approx(
+        torque / lever / (mass + (wheels + shafts) / (lever * rolling)), rel=0.02
+    )
 
 
 @pytest.mark.parametrize('fidelity', ['condensed', 'kc', pytest.param('single_track', marks=pytest.mark.long)])
@@ -253,7 +290,8 @@ def test_what_cannot_be_is_refused_by_name(vehicle: dict[str, Any], says: str) -
 
 
 def test_a_multi_link_suspension_is_steered_by_its_tie_rod() -> None:
-    """Of the electric car, the toe link on a rack that follows the steering wheel: travel over arm, both wheels to the same side."""
+    """Of the electric car, the toe link on a rack that follows the steering wheel: travel over arm, both wheels to the
+    same side."""
     root = read(find_file('electric_4wd', 'vehicles'), config_directories())
     builder = MechanismReader().builder()
     fields = builder.mapping(root, '')
@@ -265,7 +303,9 @@ def test_a_multi_link_suspension_is_steered_by_its_tie_rod() -> None:
     rod = dataclasses.replace(rear.suspension.links['toe_link'], bushing=None)
     links = {name: one for name, one in rear.suspension.links.items() if name != 'toe_link'}
     steered = dataclasses.replace(rear.suspension, links=links, tie_rod=rod)
-    rack = FollowingRack(rack=Part(mass=0.8, com=(rod.inner[0], 0.0, rod.inner[2]), inertia=(0.01, 0.0004, 0.01)), per_turn=0.02)
+    rack = FollowingRack(
+        rack=Part(mass=0.8, com=(rod.inner[0], 0.0, rod.inner[2]), inertia=(0.01, 0.0004, 0.01)), per_turn=0.02
+    )
     angle = 0.5
     travel = rack.per_turn * angle / (2.0 * np.pi)
 

@@ -1,4 +1,5 @@
-"""A trailer on a hitch: what it weighs and where, what the ball carries, turns, brakes, levels of detail, and what cannot be."""
+"""A trailer on a hitch: what it weighs and where, what the ball carries, turns, brakes, levels of detail, and what
+cannot be."""
 
 from __future__ import annotations
 
@@ -74,8 +75,9 @@ def test_seven_degrees_of_freedom_more() -> None:
 
 @pytest.mark.parametrize('car', CARS)
 def test_the_hitch_carries_what_the_lever_law_says(car: str) -> None:
-    """At rest: the ball carries the moment of the trailer about its axle over the length of the drawbar, and shifts load from the front to
-    the rear axle of the car. Within 2.5 % by the design position (the nose sinks in), to 0.1 % by where they stand."""
+    """At rest: the ball carries the moment of the trailer about its axle over the length of the drawbar, and shifts
+    load from the front to the rear axle of the car. Within 2.5 % by the design position (the nose sinks in), to 0.1 %
+    by where they stand."""
     simulation = Simulation(towing(car))
     shot = simulation.advance(1)
     model = simulation.model.spec
@@ -98,7 +100,9 @@ def test_the_hitch_carries_what_the_lever_law_says(car: str) -> None:
     axle = 0.5 * (contact[2] + contact[3])
     alone = weights[~own] @ (x[~own] - axle) / base
     shifted = reaction.force[2] * (axle - reaction.point[0]) / base
-    assert (front, rear) == pytest.approx((alone - shifted, weights[~own].sum() - alone + reaction.force[2] + shifted), rel=1e-3)
+    assert (front, rear) == pytest.approx(
+        (alone - shifted, weights[~own].sum() - alone + reaction.force[2] + shifted), rel=1e-3
+    )
 
 
 @pytest.mark.parametrize('car', CARS)
@@ -138,7 +142,8 @@ def test_car_and_trailer_stand_on_a_slope(slope: tuple[float, float]) -> None:
 @pytest.mark.long
 @pytest.mark.slow
 def test_it_starts_rolling_whatever_the_friction() -> None:
-    """The ball joins two bodies of more than a ton: velocities of the start did not converge at some of these frictions."""
+    """The ball joins two bodies of more than a ton: velocities of the start did not converge at some of these
+    frictions."""
     for friction in (0.96, 0.9, 0.8, 0.7, 0.6, 0.5):
         simulation = Simulation(load_scene('saloon_with_trailer', [f'road={{friction: {friction}}}']))
         assert simulation.advance(1).twist[simulation.channels.chassis or 0, 0] == pytest.approx(25.0, abs=0.01)
@@ -149,7 +154,9 @@ def test_stability_control_and_anti_lock_work_with_a_trailer() -> None:
     slips = {}
     for assistance in ('{}', '{anti_lock: {}, stability: {wheelbase: 2.75, ratio: 16.7}}'):
         braked = 'maneuver={brake_torque: {kind: step, value: 5500, start: 0.2, rise: 0.2}}'
-        simulation = Simulation(towing('full_car', 'actuation={wheels: true}', f'assistance={assistance}', braked, speed=25.0))
+        simulation = Simulation(
+            towing('full_car', 'actuation={wheels: true}', f'assistance={assistance}', braked, speed=25.0)
+        )
         shots = [simulation.advance(5) for _ in range(80)]
         slips[assistance] = np.min([shot.tire[4:, TIRE_COLUMNS.index('kappa')] for shot in shots])
     free, controlled = slips.values()
@@ -159,8 +166,9 @@ def test_stability_control_and_anti_lock_work_with_a_trailer() -> None:
 @pytest.mark.long
 @pytest.mark.slow
 def test_at_walking_pace_the_trailer_follows_by_geometry() -> None:
-    """Wheels without slip: with the middle of the turn on the line of the rear axle, R to its side, the ball runs on a circle of
-    sqrt(R^2 + c^2) and the axle of the trailer on one of sqrt(R^2 + c^2 - l^2); the articulation is atan(c/R) + asin(l/sqrt(R^2 + c^2))."""
+    """Wheels without slip: with the middle of the turn on the line of the rear axle, R to its side, the ball runs on a
+    circle of sqrt(R^2 + c^2) and the axle of the trailer on one of sqrt(R^2 + c^2 - l^2); the articulation is atan(c/R)
+    + asin(l/sqrt(R^2 + c^2))."""
     simulation = Simulation(towing('light_car', speed=1.5, steering='{kind: step, value: 4.0, start: 0.5, rise: 3}'))
     shot = simulation.advance(round(40.0 / simulation.h))
     names = simulation.channels
@@ -178,7 +186,8 @@ def test_at_walking_pace_the_trailer_follows_by_geometry() -> None:
 
 @pytest.mark.slow
 def test_a_steady_turn_is_that_of_the_linear_single_track() -> None:
-    """At 20 m/s and 1 m/s^2, from the angle of the front wheels alone: yaw rate, articulation, and how axles run sideways."""
+    """At 20 m/s and 1 m/s^2, from the angle of the front wheels alone: yaw rate, articulation, and how axles run
+    sideways."""
     u, angle = 20.0, 0.17
     track = single_track('light_car', u)
     scene = towing('light_car', speed=u, steering=steered(angle))
@@ -197,8 +206,8 @@ def test_a_steady_turn_is_that_of_the_linear_single_track() -> None:
 
 
 def test_the_ball_gives_the_trailer_its_momentum_and_takes_it_from_the_car() -> None:
-    """Braking in a bend, without air: tire forces, weight and the force of the ball are the change of momentum of the trailer; with the
-    opposite force of that of the car (central differences over 2 ms)."""
+    """Braking in a bend, without air: tire forces, weight and the force of the ball are the change of momentum of the
+    trailer; with the opposite force of that of the car (central differences over 2 ms)."""
     brakes = '{kind: step, value: 1500, start: 0.3, rise: 0.2}'
     maneuver = f'maneuver={{steering: {{kind: step, value: 0.8, start: 0.1, rise: 0.3}}, brake_torque: {brakes}}}'
     still = ('vehicle.aero=null', 'vehicle.trailer.aero=null')
@@ -220,14 +229,18 @@ def test_the_ball_gives_the_trailer_its_momentum_and_takes_it_from_the_car() -> 
     columns = [TIRE_COLUMNS.index(name) for name in ('qx', 'qy', 'qz', 'qw')]
     tires = np.array([matrix(tuple(row[columns])) @ row[:3] for row in shot.tire])
     weight = np.array([0.0, 0.0, -G])
-    outside = tires[4:].sum(axis=0) + mass[trailer].sum() * weight, tires[:4].sum(axis=0) + mass[~trailer].sum() * weight
+    outside = (
+        tires[4:].sum(axis=0) + mass[trailer].sum() * weight,
+        tires[:4].sum(axis=0) + mass[~trailer].sum() * weight,
+    )
     assert np.linalg.norm(ball[:2]) > 400.0
     assert outside[0] + ball == pytest.approx(change[0], abs=5.0)
     assert outside[1] - ball == pytest.approx(change[1], abs=5.0)
 
 
 def test_its_brakes_take_their_share() -> None:
-    """At 0.4 g the ball pushes with what the brakes of the trailer lack; without them with the whole force that decelerates it."""
+    """At 0.4 g the ball pushes with what the brakes of the trailer lack; without them with the whole force that
+    decelerates it."""
     forces = {}
     for share in (0.32, 0.0):
         change = (f'vehicle.trailer.axles.axle.suspension.brake.share={share}', 'maneuver={brake_torque: 2000}')
@@ -237,7 +250,8 @@ def test_its_brakes_take_their_share() -> None:
         deceleration = -(simulation.advance(1).twist[0, 0] - shot.twist[0, 0]) / simulation.h
         braked = -shot.tire[4:, FX].sum()
         drag = 0.5 * 1.2 * 1.6 * shot.twist[0, 0] ** 2
-        assert forces[share] == pytest.approx(braked + drag - 1300.0 * deceleration, abs=60.0)  # forwards on the trailer
+        # forwards on the trailer
+        assert forces[share] == pytest.approx(braked + drag - 1300.0 * deceleration, abs=60.0)
     assert abs(forces[0.32]) < 0.25 * abs(forces[0.0])
 
 
@@ -245,7 +259,9 @@ def test_the_energy_account_closes_with_the_square_of_the_step() -> None:
     def error(h: float) -> float:
         sine = '{kind: sine, amplitude: 0.6, frequency: 1.0, start: 0.2, cycles: 1}'
         simulation = Simulation(
-            towing('light_car', 'vehicle.trailer.stabilizer={friction: 200, damping: 500}', speed=25.0, h=h, steering=sine)
+            towing(
+                'light_car', 'vehicle.trailer.stabilizer={friction: 200, damping: 500}', speed=25.0, h=h, steering=sine
+            )
         )
         simulation.advance(round(2.0 / h))
         return simulation.totals()['energy_error_max']
@@ -257,7 +273,9 @@ def test_the_energy_account_closes_with_the_square_of_the_step() -> None:
 
 def test_a_friction_stabilizer_resists_with_its_torque_and_stays_stuck_below_it() -> None:
     pads = ('vehicle.trailer.stabilizer={friction: 300}',)
-    simulation = Simulation(towing('light_car', *pads, speed=22.0, steering='{kind: sine, amplitude: 0.7, frequency: 0.7, start: 0.2}'))
+    simulation = Simulation(
+        towing('light_car', *pads, speed=22.0, steering='{kind: sine, amplitude: 0.7, frequency: 0.7, start: 0.2}')
+    )
     place = simulation.channels.joints.index('articulation')
     column = simulation.channels.elements.index('hitch_friction/force')
     shots = [simulation.advance(5) for _ in range(300)]
@@ -293,7 +311,8 @@ def rear_of(car: str):
 
 
 def test_two_axles_share_the_load() -> None:
-    """A tandem of two trailing arms 0.8 m apart: four wheels by their names, and a quarter of the load each, near enough."""
+    """A tandem of two trailing arms 0.8 m apart: four wheels by their names, and a quarter of the load each, near
+    enough."""
     data = caravan()
     arm = data.axles[0].suspension
     assert isinstance(arm, TrailingArm)
@@ -373,7 +392,9 @@ def test_a_trailer_beside_the_vehicle_is_the_one_in_it() -> None:
     ):
         with pytest.raises(SceneError, match=says):
             load_scene_text(head + beside, 'two keys', [own])
-    assert load_scene_text(head + 'trailer: null\n', 'none', ['vehicle.trailer=null']).model == load_scene_text(head).model
+    assert (
+        load_scene_text(head + 'trailer: null\n', 'none', ['vehicle.trailer=null']).model == load_scene_text(head).model
+    )
     with pytest.raises(SceneError, match='only a vehicle pulls one'):
         load_scene_text('mechanism: mechanisms/pendulum.yaml\n' + file, 'pendulum')
 

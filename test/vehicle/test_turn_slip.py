@@ -21,10 +21,11 @@ def car(*overrides: str, maneuver: str, start: str) -> Simulation:
 
 
 def test_parking_moment_of_a_standing_car() -> None:
-    """Steered left 6 rad in 2 s at rest: the front tires resist with 0.8 to 1 of M_z phi infinity each, keep it when the wheel is held, and
-    the car does not turn; without turn slip nothing resists."""
+    """Steered left 6 rad in 2 s at rest: the front tires resist with 0.8 to 1 of M_z phi infinity each, keep it when
+    the wheel is held, and the car does not turn; without turn slip nothing resists."""
     parked = dict(
-        maneuver='{steering: {kind: step, value: 6.0, start: 0.2, rise: 2.0}, drive_torque: 0}', start='{kind: equilibrium, speed: 0}'
+        maneuver='{steering: {kind: step, value: 6.0, start: 0.2, rise: 2.0}, drive_torque: 0}',
+        start='{kind: equilibrium, speed: 0}',
     )
     on, off = car(*ON, **parked), car(*OFF, **parked)
     on.advance(2300)
@@ -42,11 +43,13 @@ def test_parking_moment_of_a_standing_car() -> None:
 
 
 def test_tight_circle_needs_more_steering() -> None:
-    """At 3 m/s and the same steering the car with turn slip yaws less: spin moments of all wheels and the side forces of the front
-    against those of the rear turn it back. At 20 m/s on a wide bend nearly nothing is left of it."""
+    """At 3 m/s and the same steering the car with turn slip yaws less: spin moments of all wheels and the side forces
+    of the front against those of the rear turn it back. At 20 m/s on a wide bend nearly nothing is left of it."""
     rate = {}
     for speed, steering in ((3.0, 4.0), (20.0, 0.3)):
-        bend = dict(maneuver=f'{{steering: {{kind: step, value: {steering}, start: 0.2, rise: 1.0}}, drive_torque: 60}}')
+        bend = dict(
+            maneuver=f'{{steering: {{kind: step, value: {steering}, start: 0.2, rise: 1.0}}, drive_torque: 60}}'
+        )
         bend['start'] = f'{{kind: equilibrium, speed: {speed}}}'
         for name, overrides in (('on', ON), ('off', OFF)):
             sim = car(*overrides, **bend)

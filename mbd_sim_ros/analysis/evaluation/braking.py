@@ -45,8 +45,8 @@ STRIP = 1.35  # time [s] from the start until the car reaches the slippery strip
 
 @dataclass(frozen=True, kw_only=True)
 class Stopping:
-    """nominal: speed to which the stopping distance is corrected [m/s]. rest: speed that counts as standing [m/s]. deviation: largest
-    difference between initial and nominal speed without a note [m/s]."""
+    """nominal: speed to which the stopping distance is corrected [m/s]. rest: speed that counts as standing [m/s].
+    deviation: largest difference between initial and nominal speed without a note [m/s]."""
 
     nominal: float = 100.0 / 3.6
     rest: float = 0.05
@@ -55,14 +55,16 @@ class Stopping:
 
 @dataclass(frozen=True, kw_only=True)
 class SplitFriction:
-    """rest: speed that counts as standing [m/s]. after: reactions are given so long after the brakes are applied [s]."""
+    """rest: speed that counts as standing [m/s]. after: reactions are given so long after the brakes are applied
+    [s]."""
 
     rest: float = 0.05
     after: float = 1.0
 
 
 def stop(s: Signals, rest: float) -> tuple[float, float, np.ndarray]:
-    """(instant of application [s], instant of standing or NaN, distance travelled since application (n,) [m]). Raises BagError."""
+    """(instant of application [s], instant of standing or NaN, distance travelled since application (n,) [m]). Raises
+    BagError."""
     brake = np.abs(s['brake'])
     if not brake.max() > 0.0:
         raise s.refuse('the brakes are not applied in the recording')
@@ -130,7 +132,10 @@ def judge_stopping(s: Signals, p: Stopping) -> Result:
     v0, distance = at(s.t, s['speed'], t0), at(s.t, way, end)
     notes = list(s.notes)
     if abs(v0 - p.nominal) > p.deviation:
-        notes.append(f'braked from {3.6 * v0:.4g} km/h; the correction to {3.6 * p.nominal:g} km/h is meant for small differences')
+        notes.append(
+            f'braked from {3.6 * v0:.4g} km/h; the correction to {3.6 * p.nominal:g} km/h is meant for small '
+            'differences'
+        )
     between = v0 * s.every('speed')
     if between > COARSE * distance:
         notes.append(
@@ -140,20 +145,39 @@ def judge_stopping(s: Signals, p: Stopping) -> Result:
     figures = (
         Figure('initial_speed', 'speed when the brakes are applied', v0, 'm/s'),
         Figure('distance', 'stopping distance as driven', distance, 'm'),
-        Figure('corrected_distance', f'stopping distance corrected to {3.6 * p.nominal:g} km/h', distance * (p.nominal / v0) ** 2, 'm'),
+        Figure(
+            'corrected_distance',
+            f'stopping distance corrected to {3.6 * p.nominal:g} km/h',
+            distance * (p.nominal / v0) ** 2,
+            'm',
+        ),
         Figure('mfdd', 'mean fully developed deceleration', developed(s, t0, way), 'm/s^2'),
         Figure('mean_deceleration', 'mean deceleration over the distance', v0 * v0 / (2.0 * distance), 'm/s^2'),
         Figure('time', 'time to rest', end - t0, 's'),
     )
     shown = s.between(t0 - 0.5, end + 0.5)
     charts = (
-        Chart(title='speed', x=('time', 's'), y=('speed', 'm/s'), curves=(Curve('speed', s.t[shown] - t0, s['speed'][shown]),)),
         Chart(
-            title='speed over distance', x=('distance', 'm'), y=('speed', 'm/s'), curves=(Curve('speed', way[shown], s['speed'][shown]),)
+            title='speed',
+            x=('time', 's'),
+            y=('speed', 'm/s'),
+            curves=(Curve('speed', s.t[shown] - t0, s['speed'][shown]),),
+        ),
+        Chart(
+            title='speed over distance',
+            x=('distance', 'm'),
+            y=('speed', 'm/s'),
+            curves=(Curve('speed', way[shown], s['speed'][shown]),),
         ),
     )
     return Result(
-        evaluation='iso21994', title='Stopping distance', norm=NORM, figures=figures, charts=charts, notes=tuple(notes), source=s.place
+        evaluation='iso21994',
+        title='Stopping distance',
+        norm=NORM,
+        figures=figures,
+        charts=charts,
+        notes=tuple(notes),
+        source=s.place,
     )
 
 
@@ -165,7 +189,9 @@ def slippery(s: Signals, t0: float, end: float) -> float:
     """
     under = {name: s[name] for name in UNDER if name in s}
     if len(under) < len(UNDER):
-        s.notes.append('whether the wheels stay on the split friction is not known: the recording has no friction under them')
+        s.notes.append(
+            'whether the wheels stay on the split friction is not known: the recording has no friction under them'
+        )
         return end
     braked = s.between(t0, end)
     low, high = (float(of([of(values[braked]) for values in under.values()])) for of in (np.min, np.max))
@@ -177,8 +203,14 @@ def slippery(s: Signals, t0: float, end: float) -> float:
     for axle in ('front', 'rear'):
         left, right = (bool(slips[f'friction_{axle}_{side}'][then]) for side in ('left', 'right'))
         if left == right:
-            s.notes.append(f'both {axle} wheels are on {"low" if left else "high"} friction when the brakes are applied')
-    left_at = {name: float(s.t[k[0]]) for name, on in slips.items() if (k := 1 + np.flatnonzero(braked[1:] & on[:-1] & ~on[1:])).size}
+            s.notes.append(
+                f'both {axle} wheels are on {"low" if left else "high"} friction when the brakes are applied'
+            )
+    left_at = {
+        name: float(s.t[k[0]])
+        for name, on in slips.items()
+        if (k := 1 + np.flatnonzero(braked[1:] & on[:-1] & ~on[1:])).size
+    }
     if not left_at:
         return end
     first = min(left_at, key=lambda name: left_at[name])
@@ -225,7 +257,11 @@ def judge_split(s: Signals, p: SplitFriction) -> Result:
     for name, text, values, unit in seen:
         then = at(s.t, values, when)
         figures.append(Figure(f'{name}_after', f'{text} {p.after:g} s after the brakes are applied', then, unit))
-        figures.append(Figure(f'{name}_early', f'{text}, largest until then', max(abs(then), float(np.abs(values[early]).max())), unit))
+        figures.append(
+            Figure(
+                f'{name}_early', f'{text}, largest until then', max(abs(then), float(np.abs(values[early]).max())), unit
+            )
+        )
         figures.append(Figure(f'{name}_largest', f'{text}, largest', float(np.abs(values[inside]).max()), unit))
     shown = s.between(t0 - 0.5, end + 0.2)
     charts = tuple(
@@ -253,7 +289,10 @@ def strip(scene: Scene) -> dict[str, object]:
     speed = speed_of(scene)
     begin = STRIP * speed
     length = speed * max(scene.duration - STRIP, 1.0)
-    return {'road.patches[0].center': [round(begin + 0.5 * length, 2), -2.5], 'road.patches[0].size': [round(length, 2), 5.0]}
+    return {
+        'road.patches[0].center': [round(begin + 0.5 * length, 2), -2.5],
+        'road.patches[0].size': [round(length, 2), 5.0],
+    }
 
 
 STOPPING = Evaluation(
@@ -264,7 +303,9 @@ STOPPING = Evaluation(
     also=('yaw_rate',),
     parameters=Stopping,
     judge=judge_stopping,
-    drive=Drive(maneuver='iso21994', speed=100.0 / 3.6, duration=9.0, every=5, brakes=6.0, hardest=True, fitted=time_of_stop),
+    drive=Drive(
+        maneuver='iso21994', speed=100.0 / 3.6, duration=9.0, every=5, brakes=6.0, hardest=True, fitted=time_of_stop
+    ),
 )
 SPLIT_FRICTION = Evaluation(
     name='iso14512',
@@ -274,5 +315,7 @@ SPLIT_FRICTION = Evaluation(
     also=('heading', 'x', 'y', 'sideslip_angle', 'steering', *UNDER),
     parameters=SplitFriction,
     judge=judge_split,
-    drive=Drive(maneuver='iso14512', speed=80.0 / 3.6, duration=7.0, every=5, road='mu_split', brakes=2.85, fitted=strip),
+    drive=Drive(
+        maneuver='iso14512', speed=80.0 / 3.6, duration=7.0, every=5, road='mu_split', brakes=2.85, fitted=strip
+    ),
 )

@@ -92,7 +92,12 @@ class Driving:
     """
 
     def __init__(self, vehicle: str, directory: Path, overrides: Sequence[str] = (), *, say: bool = False) -> None:
-        self.vehicle, self.directory, self.overrides, self.say = find_file(vehicle, 'vehicles').resolve(), directory, list(overrides), say
+        self.vehicle, self.directory, self.overrides, self.say = (
+            find_file(vehicle, 'vehicles').resolve(),
+            directory,
+            list(overrides),
+            say,
+        )
         self.driven = self.kept = 0
         self._vehicle: Vehicle | None = None
         self._angles: dict[tuple[str, ...], tuple[np.ndarray, np.ndarray, bool]] = {}
@@ -126,16 +131,25 @@ class Driving:
         if size.length == 1.0:
             return ''
         similar = usual * size.speed
-        own = f', driven here at {3.6 * scene.start.speed:.3g} km/h' if not math.isclose(3.6 * scene.start.speed, usual) else ''
+        own = (
+            f', driven here at {3.6 * scene.start.speed:.3g} km/h'
+            if not math.isclose(3.6 * scene.start.speed, usual)
+            else ''
+        )
         return (
-            f'{usual:.3g} km/h are for passenger cars{own}, on the wheelbase of {self.vehicle.stem} that is {similar:.3g} km/h: '
+            f'{usual:.3g} km/h are for passenger cars{own}, on the wheelbase of {self.vehicle.stem} that is '
+            f'{similar:.3g} km/h: '
             f'--set start.speed_kmh={similar:.3g}'
         )
 
     def _drive(self, evaluation: Evaluation) -> tuple[list[Path], dict[str, float]]:
         one = evaluation.drive
         text = scene_text(one, self.vehicle, evaluation.name, self.overrides)
-        settings = [*self._sized(text), *self._fitted(evaluation, text), *(self._driver(text, one.cones) if one.driver else [])]
+        settings = [
+            *self._sized(text),
+            *self._fitted(evaluation, text),
+            *(self._driver(text, one.cones) if one.driver else []),
+        ]
         if one.brakes and not any(key_of(o).startswith(BRAKES.rpartition('.')[0]) for o in self.overrides):
             torque = self._torque(evaluation.name, text, one, settings)
             return [self._run(evaluation.name, text, [*settings, f'{BRAKES}={torque!r}'])], {'brake_torque': torque}
@@ -158,7 +172,12 @@ class Driving:
         places = []
         for a in tqdm(amplitudes, desc=evaluation.name, unit='run', disable=None if self.say else True, leave=False):
             places.append(
-                self._run(f'{evaluation.name}_{math.degrees(a):+.0f}deg', text, [*settings, f'{one.amplitude}={a!r}'], quiet=True)
+                self._run(
+                    f'{evaluation.name}_{math.degrees(a):+.0f}deg',
+                    text,
+                    [*settings, f'{one.amplitude}={a!r}'],
+                    quiet=True,
+                )
             )
         return places, {'reference': reference}
 
@@ -194,7 +213,8 @@ class Driving:
         """Raise SpecError for a car with a trailer."""
         if has_trailer(scene.model):
             raise SpecError(
-                f'{self.vehicle.stem} pulls a trailer, and the norm is for cars alone: remove vehicle.trailer, or drive a scene'
+                f'{self.vehicle.stem} pulls a trailer, and the norm is for cars alone: remove vehicle.trailer, or '
+                'drive a scene'
             )
 
     def _driver(self, text: str, cones: bool) -> list[str]:
@@ -202,7 +222,9 @@ class Driving:
         scene, vehicle = self._known(text)
         self._alone(scene)
         if vehicle.ratio is None:
-            raise SpecError(f'{self.vehicle.stem} is no vehicle with four wheels and a steering: it has no such maneuver')
+            raise SpecError(
+                f'{self.vehicle.stem} is no vehicle with four wheels and a steering: it has no such maneuver'
+            )
         known = {'wheelbase': vehicle.masses['wheelbase'], 'ratio': vehicle.ratio}
         settings = [f'maneuver.driver.{name}={value!r}' for name, value in known.items()]
         if cones:
@@ -253,7 +275,9 @@ class Driving:
         """Settings of the user that also apply to the ramp before a maneuver."""
         return [o for o in self.overrides if key_of(o).partition('.')[0] not in OWN]
 
-    def _ramp(self, text: str, side: float, enough: float, friction: float = 1.0) -> tuple[np.ndarray, np.ndarray, bool]:
+    def _ramp(
+        self, text: str, side: float, enough: float, friction: float = 1.0
+    ) -> tuple[np.ndarray, np.ndarray, bool]:
         """(lateral accelerations [m/s^2], angles of the steering wheel [rad], whether the ramp was too short) of a slow
         ramp.
 
@@ -264,7 +288,11 @@ class Driving:
         scene, vehicle = self._known(text)
         speed = scene.start.speed
         drive = Drive(maneuver=CALIBRATION, speed=speed, duration=SECONDS[-1])
-        turned = math.inf if not vehicle.ratio else vehicle.ratio * vehicle.masses['wheelbase'] / max(speed, 1.0) ** 2 * RAMPED_TO
+        turned = (
+            math.inf
+            if not vehicle.ratio
+            else vehicle.ratio * vehicle.masses['wheelbase'] / max(speed, 1.0) ** 2 * RAMPED_TO
+        )
         rate = min(RAMP, turned / SOONEST)
         ramp = scene_text(drive, self.vehicle, CALIBRATION, self.overrides)
         settings = [*self._sized(ramp), f'maneuver.steering.slope={side * rate!r}']
@@ -274,7 +302,10 @@ class Driving:
         if key not in self._angles:
             for k, seconds in enumerate(SECONDS):
                 place = self._run(
-                    f'{CALIBRATION}_{"left" if side > 0.0 else "right"}', ramp, [*settings, f'duration={seconds}'], calibration=True
+                    f'{CALIBRATION}_{"left" if side > 0.0 else "right"}',
+                    ramp,
+                    [*settings, f'duration={seconds}'],
+                    calibration=True,
                 )
                 s = signals(runs.read(place, NEEDED), str(place), ('steering', 'lateral_acceleration'))
                 a, d = (side * low_passed(s[name], s.rate, 6.0) for name in ('lateral_acceleration', 'steering'))
@@ -302,7 +333,8 @@ class Driving:
         if a.max() < wanted:
             there = ', where the ramp ended' if ended else ''
             raise SpecError(
-                f'{self.vehicle.stem} does not reach a lateral acceleration of {wanted:.3g} m/s^2 at this speed{on(friction)}: '
+                f'{self.vehicle.stem} does not reach a lateral acceleration of {wanted:.3g} m/s^2 at this '
+                f'speed{on(friction)}: '
                 f'{a.max():.3g} m/s^2 at {math.degrees(d[-1]):.3g} deg of the steering wheel{there}; '
                 'give the steering with --set maneuver.steering=...'
             )
@@ -322,10 +354,14 @@ class Driving:
         return float(np.mean(found))
 
     def _slope(self, a: np.ndarray, d: np.ndarray, where: str = '') -> tuple[float, float]:
-        """(slope, intercept) of the straight line through a ramp for A. where: the road, for the sentence of a SpecError."""
+        """(slope, intercept) of the straight line through a ramp for A. where: the road, for the sentence of a
+        SpecError."""
         used = (a >= LINE[0]) & (a <= LINE[1])
         if used.sum() < 5 or a.max() < LINE[1]:
-            raise SpecError(f'{self.vehicle.stem} does not reach {LINE[1]:.3g} m/s^2 in the slowly increasing steer at this speed{where}')
+            raise SpecError(
+                f'{self.vehicle.stem} does not reach {LINE[1]:.3g} m/s^2 in the slowly increasing steer at this '
+                f'speed{where}'
+            )
         slope, zero = line(a[used], d[used])
         return float(slope), float(zero)
 
@@ -361,13 +397,18 @@ class Driving:
             if rolls(high if grows else low) != grows:
                 break
         else:
-            raise SpecError(f'{self.vehicle.stem}: no braking torque was found at which its wheels begin to lock; give {BRAKES} with --set')
+            raise SpecError(
+                f'{self.vehicle.stem}: no braking torque was found at which its wheels begin to lock; give {BRAKES} '
+                'with --set'
+            )
         for _ in range(HALVINGS):
             middle = rounded(math.sqrt(low * high))
             low, high = (middle, high) if rolls(middle) else (low, middle)
         return low
 
-    def _run(self, label: str, text: str, settings: Sequence[str], *, calibration: bool = False, quiet: bool = False) -> Path:
+    def _run(
+        self, label: str, text: str, settings: Sequence[str], *, calibration: bool = False, quiet: bool = False
+    ) -> Path:
         """The recording of a run, which is driven unless it is there already. calibration: whether it is the ramp
         before a maneuver."""
         overrides = [*settings, *(self._vehicle_overrides() if calibration else self.overrides)]
@@ -389,7 +430,9 @@ def rolling(place: Path) -> bool:
     """True where no wheel of a recording locks at a speed above CREEPS."""
     run = runs.read(place, ('odom/twist/vx', 'tire_states/*'))
     moving = run['odom/twist/vx'] > CREEPS
-    slips = [values for name, values in run.columns.items() if name.startswith('tire_states/') and name.endswith('/kappa')]
+    slips = [
+        values for name, values in run.columns.items() if name.startswith('tire_states/') and name.endswith('/kappa')
+    ]
     return all(bool(np.all(np.abs(slip[moving]) < ROLLS)) for slip in slips)
 
 

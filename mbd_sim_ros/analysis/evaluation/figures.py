@@ -25,8 +25,9 @@ SHOWN = {  # SI unit -> (unit for people, factor)
 
 
 class Figure(NamedTuple):
-    """One number. name: its key in JSON. text: for people. unit: SI. limit: what the norm asks for, as text; ok: whether it is kept
-    (None: not judged). error: of its value by the step of the simulation, None where nobody measured it."""
+    """One number. name: its key in JSON. text: for people. unit: SI. limit: what the norm asks for, as text; ok:
+    whether it is kept (None: not judged). error: of its value by the step of the simulation, None where nobody measured
+    it."""
 
     name: str
     text: str
@@ -45,7 +46,9 @@ class Figure(NamedTuple):
         """(value, unit) for people."""
         unit, factor = SHOWN.get(self.unit, (self.unit, 1.0))
         error = '' if self.error is None else f' ± {self.error * factor:.1g}'
-        return ('-' if not math.isfinite(self.value) else f'{self.value * factor:.4g}{error}'), '' if unit == '1' else unit
+        return (
+            '-' if not math.isfinite(self.value) else f'{self.value * factor:.4g}{error}'
+        ), '' if unit == '1' else unit
 
 
 class Curve(NamedTuple):
@@ -59,7 +62,8 @@ class Curve(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Chart:
-    """Curves over one axis; units in SI become those for people when drawn. keep_shape: one metre is as long in x as in y."""
+    """Curves over one axis; units in SI become those for people when drawn. keep_shape: one metre is as long in x as in
+    y."""
 
     title: str
     x: tuple[str, str]  # label, unit
@@ -125,7 +129,11 @@ def sentence(results: Sequence[Result]) -> str:
     left = sum(bool(figure.limit) and figure.ok is None for result in results for figure in result.figures)
     passed = verdict(result.passed for result in results)
     if passed is None:
-        return f'not judged: see the notes ({left} limit{"s" * (left > 1)})' if left else 'not judged: the norm has no limits'
+        return (
+            f'not judged: see the notes ({left} limit{"s" * (left > 1)})'
+            if left
+            else 'not judged: the norm has no limits'
+        )
     if not passed:
         return 'limits of the norm are not kept'
     return (

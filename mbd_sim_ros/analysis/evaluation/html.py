@@ -68,7 +68,9 @@ def _chart(chart: Chart) -> dict[str, Any]:
     curves = []
     for curve in chart.curves:
         keep = thinned(POINTS, curve.y)
-        curves.append({'name': curve.name, 'style': curve.style, 'x': floats(fx * curve.x[keep]), 'y': floats(fy * curve.y[keep])})
+        curves.append(
+            {'name': curve.name, 'style': curve.style, 'x': floats(fx * curve.x[keep]), 'y': floats(fy * curve.y[keep])}
+        )
     return {'title': chart.title, 'x': x, 'y': y, 'curves': curves}
 
 

@@ -23,12 +23,14 @@ from solver.errors import BagError, MbdError
 
 
 def with_intervals(evaluation: Evaluation, result: Result, place: Path, given: Mapping[str, float]) -> Result:
-    """The result of a recording with the numerical errors of its figures; with a note that says why where there are none. given:
-    parameters of the evaluation, as for judge()."""
+    """The result of a recording with the numerical errors of its figures; with a note that says why where there are
+    none. given: parameters of the evaluation, as for judge()."""
     try:
         return _measured(evaluation, result, place, given)
     except MbdError as error:
-        return dataclasses.replace(result, notes=(*result.notes, f'the numerical errors of the figures were not measured: {error}'))
+        return dataclasses.replace(
+            result, notes=(*result.notes, f'the numerical errors of the figures were not measured: {error}')
+        )
 
 
 def _measured(evaluation: Evaluation, result: Result, place: Path, given: Mapping[str, float]) -> Result:
@@ -44,7 +46,9 @@ def _measured(evaluation: Evaluation, result: Result, place: Path, given: Mappin
         twin = judge(evaluation, other, str(place), given, held=held, scene=its)
     factor = 1.0 / (2.0 ** order(simulation) - 1.0)
     values = {figure.name: figure.value for figure in twin.figures}
-    return dataclasses.replace(result, figures=tuple(_with_error(one, values.get(one.name, math.nan), factor) for one in result.figures))
+    return dataclasses.replace(
+        result, figures=tuple(_with_error(one, values.get(one.name, math.nan), factor) for one in result.figures)
+    )
 
 
 def _with_error(figure: Figure, other: float, factor: float) -> Figure:

@@ -33,7 +33,9 @@ RANGES = (('low', 'high'), ('slowest', 'fastest'))
 STANDING = 1.0  # m/s: a car that is never faster drives no maneuver
 FITS = (0.5, 2.0)  # lateral acceleration over speed times yaw rate, where units and signs are right
 MOVES = 1.0  # m/s^2, the largest of either, from which on that is looked at
-SLOW = 0.5  # Hz: below it a car follows its steering nearly as in the steady state (the full car to 8 %), at 5 Hz nothing is left of that
+# Hz: below it a car follows its steering nearly as in the steady state (the full car to 8 %), at 5 Hz nothing is left
+# of that
+SLOW = 0.5
 OPPOSED = -0.5  # correlation of steering and yaw rate about zero, below which they are to different sides
 LARGEST = 1e9  # of a parameter, in SI units
 
@@ -51,18 +53,25 @@ def read(
     databases: of the frames in a CAN log. log_times: as of bags.reader.read. Raises BagError."""
     for ours, source in (sources or {}).items():
         if '/' not in ours and '*' not in ours and ours not in WAYS:
-            raise BagError(f'mapping {source.channel}={ours}: no evaluation has a signal {ours!r}{suggestion(ours, WAYS)}')
+            raise BagError(
+                f'mapping {source.channel}={ours}: no evaluation has a signal {ours!r}{suggestion(ours, WAYS)}'
+            )
     used = {*NEEDED, *WAYS, *(name for turn in axes for name in turn.channels)}
     for ours, source in (sources or {}).items():
         if '/' in ours and not any(fnmatchcase(name, mapping.literal(ours)) for name in used):
-            raise BagError(f'mapping {source.channel}={ours}: no evaluation takes the channel {ours!r}{nearest(ours, sorted(used))}')
+            raise BagError(
+                f'mapping {source.channel}={ours}: no evaluation takes the channel '
+                f'{ours!r}{nearest(ours, sorted(used))}'
+            )
     wanted = [*used, *(mapping.literal(source.channel) for source in (sources or {}).values())]
     beside = [source.channel for source in (sources or {}).values()]
     run = runs.read(place, wanted, beside=beside, time=time, databases=databases, log_times=log_times)
     held: frozenset[str] = frozenset()
     if sources or axes or run.stated:
         own = runs.units(run)
-        run, held = mapping.apply(run, sources or {}, axes, lambda name: WAYS[name][0] if name in WAYS and name != 'brake' else own(name))
+        run, held = mapping.apply(
+            run, sources or {}, axes, lambda name: WAYS[name][0] if name in WAYS and name != 'brake' else own(name)
+        )
     return run, held, scene_of(run, str(place))[0]
 
 
@@ -70,11 +79,15 @@ def meant(scene: Scene | None, wanted: str, place: str) -> Evaluation:
     """The evaluation of a name, or that which the maneuver of the scene states. Raises SpecError and BagError."""
     stated = scene.maneuver.evaluation if scene is not None else ''
     if not wanted and not stated:
-        raise BagError(f'{place} does not say which maneuver of a norm it holds; say it with --as, e.g. --as {EVALUATIONS[3].name}')
+        raise BagError(
+            f'{place} does not say which maneuver of a norm it holds; say it with --as, e.g. --as {EVALUATIONS[3].name}'
+        )
     found = called(wanted or stated)
     one = found if len(found) == 1 else tuple(e for e in found if stated and e in called(stated))
     if len(one) != 1:
-        raise SpecError(f'{wanted or stated}: which of its maneuvers does {place} hold? {", ".join(e.name for e in found)}')
+        raise SpecError(
+            f'{wanted or stated}: which of its maneuvers does {place} hold? {", ".join(e.name for e in found)}'
+        )
     return one[0]
 
 
@@ -88,14 +101,16 @@ def judge(
     scene: Scene | None = None,
     mapped: bool = False,
 ) -> Result:
-    """The figures of a recording. given: parameters, before those that its maneuver states. mapped: whether somebody says what its
-    channels are, who may be wrong in a unit or a sign; those of our own recordings are known. Raises BagError and SpecError."""
+    """The figures of a recording. given: parameters, before those that its maneuver states. mapped: whether somebody
+    says what its channels are, who may be wrong in a unit or a sign; those of our own recordings are known. Raises
+    BagError and SpecError."""
     stated = scene.maneuver.evaluate_with if scene is not None and _states(scene, evaluation) else {}
     parameters = parameters_of(evaluation, {**stated, **given})
     if not run.series:
         known = ', '.join(run.names[:4])
         raise BagError(
-            f'{place}: none of the channels that evaluations use is in it (it has {known} ...); name them with --map or --mapping'
+            f'{place}: none of the channels that evaluations use is in it (it has {known} ...); name them with --map '
+            'or --mapping'
         )
     found = signals(run, place, evaluation.needs, evaluation.also, held=held, vehicle=Vehicle.of(scene))
     if 'speed' in found and not np.abs(found['speed']).max() > STANDING:
@@ -110,10 +125,14 @@ def judge(
 
 
 def _unread(run: Run, place: str, scene: Scene | None) -> tuple[str, ...]:
-    """That nothing is known of the vehicle, and of what its maneuver states, where there is a scene that cannot be read."""
+    """That nothing is known of the vehicle, and of what its maneuver states, where there is a scene that cannot be
+    read."""
     why = '' if scene is not None else scene_of(run, place)[1]
     return (
-        (f'{why}; the parameters of its maneuver, masses and the steering ratio are not known: give what is wanted ({GIVEN})',)
+        (
+            f'{why}; the parameters of its maneuver, masses and the steering ratio are not known: give what is wanted '
+            f'({GIVEN})',
+        )
         if why
         else ()
     )
@@ -142,9 +161,11 @@ def _angle(s: Signals) -> tuple[str, ...]:
 
 
 def _side(s: Signals) -> tuple[str, ...]:
-    if 'steering' not in s or 'yaw_rate' not in s or 'brake' in s:  # on split friction he steers against what turns the car
+    # on split friction he steers against what turns the car
+    if 'steering' not in s or 'yaw_rate' not in s or 'brake' in s:
         return ()
-    steered, turned = s['steering'], s['yaw_rate'] * (np.sign(s['speed']) if 'speed' in s else 1.0)  # in reverse to the other side
+    # in reverse to the other side
+    steered, turned = s['steering'], s['yaw_rate'] * (np.sign(s['speed']) if 'speed' in s else 1.0)
     if not steered @ turned < OPPOSED * np.sqrt((steered @ steered) * (turned @ turned)):
         return ()
     return ('the car turns to the other side than its steering wheel: check the signs of steering and yaw rate',)
@@ -159,7 +180,10 @@ def _acceleration(s: Signals) -> tuple[str, ...]:
     factor = float(turning @ pushed / (turning @ turning))
     if FITS[0] <= factor <= FITS[1]:
         return ()
-    return (f'the lateral acceleration is {factor:.3g} times speed times yaw rate, not about 1: check units, signs and axes of the three',)
+    return (
+        f'the lateral acceleration is {factor:.3g} times speed times yaw rate, not about 1: check units, signs and '
+        'axes of the three',
+    )
 
 
 def parameters_of(evaluation: Evaluation, given: Mapping[str, float]) -> Any:
@@ -167,7 +191,9 @@ def parameters_of(evaluation: Evaluation, given: Mapping[str, float]) -> Any:
     known = _parameters(evaluation)
     for name in given:
         if name not in known:
-            raise SpecError(f'{evaluation.name} has no parameter {name!r}{suggestion(name, known)}; it has {", ".join(known)}')
+            raise SpecError(
+                f'{evaluation.name} has no parameter {name!r}{suggestion(name, known)}; it has {", ".join(known)}'
+            )
         least = -math.inf if name in SIGNED else 0.0
         value = finite(evaluation.name, name, given[name], low=least, strict=name not in (*SIGNED, *MAY_BE_ZERO))
         require(abs(value) <= LARGEST, evaluation.name, name, value, f'must not be beyond {LARGEST:g}')
@@ -198,8 +224,8 @@ def assignments(texts: Sequence[str]) -> dict[str, float]:
 def divided(texts: Sequence[str], evaluations: Sequence[Evaluation]) -> tuple[list[str], dict[str, float]]:
     """(overrides of the scene, parameters of the evaluations) among KEY=VALUE of --set.
 
-    A key with a number that an evaluation has a parameter for is that parameter; a scene has only mappings under such keys. Raises
-    SpecError for a key that neither has.
+    A key with a number that an evaluation has a parameter for is that parameter; a scene has only mappings under such
+    keys. Raises SpecError for a key that neither has.
     """
     known = {name for evaluation in evaluations for name in _parameters(evaluation)}
     scene = [*(f.name for f in dataclasses.fields(Scene)), *MODEL_KEYS]

@@ -17,14 +17,15 @@ SLOWEST = 1.0  # m/s at the start, below which nothing is made longer
 class Drive:
     """Drive of a maneuver by `mbd maneuver`.
 
-    maneuver: file in config/maneuvers. speed [m/s]: at the start. duration [s]. every: steps between two instants that are recorded.
-    road: file in config/roads. amplitude: the key of the scene that is set to the angle of the steering wheel with which the car
-    reaches, in a slow ramp of it at this speed, the lateral acceleration `reaches` [m/s^2]. driver: tell the preview driver the
-    wheelbase and the ratio of the car; cones: its width and length too, and have him practise. brakes: deceleration [m/s^2] whose torque
-    brakes the car; hardest: a search from there on for the largest one with which every wheel still rolls; 0: the torque of the file.
-    fitted: from the scene with all that the user sets to what follows from it (a longer road at a higher speed): key -> value, before what
-    the user sets.
-    series: from the angle (mean of a ramp to the left and one to the right, by a straight line) to the amplitudes of all runs.
+    maneuver: file in config/maneuvers. speed [m/s]: at the start. duration [s]. every: steps between two instants that
+    are recorded. road: file in config/roads. amplitude: the key of the scene that is set to the angle of the steering
+    wheel with which the car reaches, in a slow ramp of it at this speed, the lateral acceleration `reaches` [m/s^2].
+    driver: tell the preview driver the wheelbase and the ratio of the car; cones: its width and length too, and have
+    him practise. brakes: deceleration [m/s^2] whose torque brakes the car; hardest: a search from there on for the
+    largest one with which every wheel still rolls; 0: the torque of the file. fitted: from the scene with all that the
+    user sets to what follows from it (a longer road at a higher speed): key -> value, before what the user sets.
+    series: from the angle (mean of a ramp to the left and one to the right, by a straight line) to the amplitudes of
+    all runs.
     """
 
     maneuver: str
@@ -46,9 +47,10 @@ class Drive:
 class Evaluation:
     """One maneuver of a norm.
 
-    name: on the command line and in `maneuver.evaluation`. norm: what it follows, with its key in docs/references.md. needs, also:
-    signals without which it cannot be, and such that give more figures. parameters: a dataclass of numbers that may be set. judge:
-    signals and parameters -> Result; raises BagError where the maneuver is not in the recording. together: figures of a whole series.
+    name: on the command line and in `maneuver.evaluation`. norm: what it follows, with its key in docs/references.md.
+    needs, also: signals without which it cannot be, and such that give more figures. parameters: a dataclass of numbers
+    that may be set. judge: signals and parameters -> Result; raises BagError where the maneuver is not in the
+    recording. together: figures of a whole series.
     """
 
     name: str

@@ -1,8 +1,10 @@
-"""Lane changes [ISO3888]: part 1, double lane change, and part 2, obstacle avoidance: speeds and contact with the cones.
+"""Lane changes [ISO3888]: part 1, double lane change, and part 2, obstacle avoidance: speeds and contact with the
+cones.
 
-The lanes follow from the width of the vehicle (solver.inputs.driver.DoubleLaneChange). The body is a rectangle on the road. The distance
-to the cones of a lane is the least of: corners of the body to the rows of cones, while they are between its first and last cone; and the
-first and last cones to the sides of the body, while these pass. A negative one means that a cone is hit.
+The lanes follow from the width of the vehicle (solver.inputs.driver.DoubleLaneChange). The body is a rectangle on the
+road. The distance to the cones of a lane is the least of: corners of the body to the rows of cones, while they are
+between its first and last cone; and the first and last cones to the sides of the body, while these pass. A negative one
+means that a cone is hit.
 """
 
 from __future__ import annotations
@@ -24,13 +26,15 @@ PLACE = ('x', 'y', 'heading')
 FINE = 1e-3  # s between two places of the body that are looked at
 WELL_KNOWN = 0.01  # m: distances to cones known less well are told
 RELEASED = 2.0  # m behind the first cones the throttle is released, in part 2
-SPARE = {'iso_3888_1': 1.21, 'iso_3888_2': 1.29}  # times the time that the track takes at the speed of the start: the second car rolls out
+# times the time that the track takes at the speed of the start: the second car rolls out
+SPARE = {'iso_3888_1': 1.21, 'iso_3888_2': 1.29}
 
 
 @dataclass(frozen=True, kw_only=True)
 class LaneChange:
-    """width, length: of the body without mirrors [m]; width and start none: as the driver of the scene has them. middle: of the body ahead
-    of base_link [m]. start: x of the first cones [m]; the centre line of the first lane is y = 0."""
+    """width, length: of the body without mirrors [m]; width and start none: as the driver of the scene has them.
+    middle: of the body ahead of base_link [m]. start: x of the first cones [m]; the centre line of the first lane is y
+    = 0."""
 
     width: float | None = None
     length: float = 4.6
@@ -68,8 +72,8 @@ def path_of(s: Signals, kept: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def clearances(s: Signals, gates: tuple[Gate, ...], p: LaneChange, width: float) -> tuple[list[float], float]:
-    """(distance to the cones of every lane [m], how well these are known: by how much they change where every second of the places recorded
-    is left out)."""
+    """(distance to the cones of every lane [m], how well these are known: by how much they change where every second of
+    the places recorded is left out)."""
     apart = min(round(s.every(*PLACE) * s.rate), s.t.size // 2)
     parts = [slice(None), slice(0, None, 2 * apart), slice(apart, None, 2 * apart)]
     whole, *halves = (np.array([distances(gate, *path_of(s, kept), p, width) for gate in gates]) for kept in parts)
@@ -79,17 +83,25 @@ def clearances(s: Signals, gates: tuple[Gate, ...], p: LaneChange, width: float)
 def judge(s: Signals, p: LaneChange, standard: str) -> Result:
     """Speeds at entry and exit and distance to the cones. Raises BagError."""
     driver = s.vehicle.scene.maneuver.driver if s.vehicle.scene is not None else None
-    path = driver.path if driver is not None and isinstance(driver.path, DoubleLaneChange) and driver.path.standard == standard else None
+    path = (
+        driver.path
+        if driver is not None and isinstance(driver.path, DoubleLaneChange) and driver.path.standard == standard
+        else None
+    )
     width = p.width if p.width is not None else (path.width if path else None)
     start = p.start if p.start is not None else (path.start if path else None)
     if width is None or start is None:
         missing = 'width' if width is None else 'start'
-        raise s.refuse(f'the track is not known: no driver of a scene in it follows it (no {missing}); give width=... start=... ({GIVEN})')
+        raise s.refuse(
+            f'the track is not known: no driver of a scene in it follows it (no {missing}); give width=... start=... '
+            f'({GIVEN})'
+        )
     gates = DoubleLaneChange(standard=standard, width=width, start=start).gates  # type: ignore[arg-type]
     x, y, heading, t = s['x'], s['y'], s['heading'], s.t
     if x.max() < gates[-1].end or x.min() > gates[0].begin:
         raise s.refuse(
-            f'does not pass the track: x from {x.min():.4g} to {x.max():.4g} m, the track from {gates[0].begin:g} to {gates[-1].end:g} m; '
+            f'does not pass the track: x from {x.min():.4g} to {x.max():.4g} m, the track from {gates[0].begin:g} to '
+            f'{gates[-1].end:g} m; '
             f'it lasts {t[-1] - t[0]:.3g} s, a slow car takes longer (mbd maneuver --set duration=...)'
         )
     entry, leave = crossing(t, x, gates[0].begin), crossing(t, x, gates[-1].end)
@@ -100,14 +112,24 @@ def judge(s: Signals, p: LaneChange, standard: str) -> Result:
     ]
     found, known = clearances(s, gates, p, width)
     for k, distance in enumerate(found, 1):
-        figures.append(Figure(f'clearance_{k}', f'distance to the cones of lane {k}', distance, 'm', '>= 0 m', bool(distance >= 0.0)))
+        figures.append(
+            Figure(
+                f'clearance_{k}', f'distance to the cones of lane {k}', distance, 'm', '>= 0 m', bool(distance >= 0.0)
+            )
+        )
     if known > WELL_KNOWN:
         s.notes.append(
-            f'places are recorded every {s.every(*PLACE):.3g} s: distances to the cones are not known better than to {known:.2g} m'
+            f'places are recorded every {s.every(*PLACE):.3g} s: distances to the cones are not known better than to '
+            f'{known:.2g} m'
         )
     inside = s.between(entry, leave)
     figures += [
-        Figure('largest_acceleration', 'largest lateral acceleration', float(np.abs(s['lateral_acceleration'][inside]).max()), 'm/s^2'),
+        Figure(
+            'largest_acceleration',
+            'largest lateral acceleration',
+            float(np.abs(s['lateral_acceleration'][inside]).max()),
+            'm/s^2',
+        ),
         Figure('largest_yaw_rate', 'largest yaw rate', float(np.abs(s['yaw_rate'][inside]).max()), 'rad/s'),
     ]
     figures += [
@@ -155,7 +177,8 @@ def judge(s: Signals, p: LaneChange, standard: str) -> Result:
         )
     part = standard[-1]
     return Result(
-        evaluation=f'iso3888_{part}', title='Double lane change' if part == '1' else 'Obstacle avoidance', norm=f'{NORM}, part {part}',
+        evaluation=f'iso3888_{part}', title=('Double lane '
+            'change') if part == '1' else 'Obstacle avoidance', norm=f'{NORM}, part {part}',
         figures=tuple(figures), charts=tuple(charts), notes=tuple(s.notes), source=s.place,
     )  # fmt: skip
 
@@ -166,7 +189,9 @@ def _fitted(scene: Scene, duration: float) -> dict[str, object]:
     if not isinstance(path, DoubleLaneChange):
         return {}
     speed = speed_of(scene)
-    settings: dict[str, object] = {'duration': round(max(duration, SPARE[path.standard] * path.gates[-1].end / speed), 1)}
+    settings: dict[str, object] = {
+        'duration': round(max(duration, SPARE[path.standard] * path.gates[-1].end / speed), 1)
+    }
     if path.standard == 'iso_3888_2':
         settings['maneuver.speed.until'] = round((path.start + RELEASED) / speed, 3)
     return settings

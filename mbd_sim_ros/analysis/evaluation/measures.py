@@ -22,8 +22,8 @@ def crossing(t: np.ndarray, y: np.ndarray, level: float, *, after: float = -math
 def applied(t: np.ndarray, y: np.ndarray, level: float) -> float:
     """When a command first reaches the level from below; NaN if it never does.
 
-    A command holds: where it jumps by more than half of its largest value from one sample to the next, nothing was applied until the
-    latter. A pedal that takes longer lies on a straight line between the two.
+    A command holds: where it jumps by more than half of its largest value from one sample to the next, nothing was
+    applied until the latter. A pedal that takes longer lies on a straight line between the two.
     """
     at = np.flatnonzero(y >= level)
     if at.size and at[0] > 0 and y[at[0]] - y[at[0] - 1] > 0.5 * float(y.max()):
@@ -32,7 +32,8 @@ def applied(t: np.ndarray, y: np.ndarray, level: float) -> float:
 
 
 def peak(t: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """(time, value) of the largest value, on the parabola through the largest sample and its neighbours (evenly spaced t)."""
+    """(time, value) of the largest value, on the parabola through the largest sample and its neighbours (evenly spaced
+    t)."""
     k = int(np.argmax(y))
     if k in (0, y.size - 1):
         return float(t[k]), float(y[k])
@@ -56,7 +57,8 @@ def at(t: np.ndarray, y: np.ndarray, when: float) -> float:
 
 
 def low_passed(y: np.ndarray, rate: float, corner: float, *, poles: int = 12) -> np.ndarray:
-    """Butterworth filter run forward and backward: no phase, `poles` in both directions together. As it is where rate < 2.5 corner."""
+    """Butterworth filter run forward and backward: no phase, `poles` in both directions together. As it is where rate <
+    2.5 corner."""
     if rate < 2.5 * corner or y.size < 10:
         return y
     from scipy import signal  # half a second, for those who need it
@@ -71,7 +73,8 @@ def integral(t: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def fundamental(t: np.ndarray, y: np.ndarray, frequency: float) -> complex:
-    """Complex amplitude c of Re(c exp(i w t)) in y, by least squares beside a constant: |c| is the amplitude, its angle the phase."""
+    """Complex amplitude c of Re(c exp(i w t)) in y, by least squares beside a constant: |c| is the amplitude, its angle
+    the phase."""
     w = 2.0 * math.pi * frequency
     basis = np.column_stack([np.cos(w * t), np.sin(w * t), np.ones_like(t)])
     a, b, _ = np.linalg.lstsq(basis, y, rcond=None)[0]

@@ -1,7 +1,9 @@
-"""On-centre handling, weave test [ISOWeave2010]: loops of steering-wheel torque, steering-wheel angle, yaw rate and lateral acceleration.
+"""On-centre handling, weave test [ISOWeave2010]: loops of steering-wheel torque, steering-wheel angle, yaw rate and
+lateral acceleration.
 
-The steering wheel swings with about 0.2 Hz, the car answers with about 2 m/s^2. All signals are low-passed without delay. Every loop y
-over x is read where x passes through a level, once on the way up and once on the way down, in every whole period; the figures are means:
+The steering wheel swings with about 0.2 Hz, the car answers with about 2 m/s^2. All signals are low-passed without
+delay. Every loop y over x is read where x passes through a level, once on the way up and once on the way down, in every
+whole period; the figures are means:
 
     gradient at a level     dy/dx there, mean of both ways
     hysteresis, deadband    difference between both ways of x at y = 0 (deadband of x), of y at x = 0 (hysteresis of y)
@@ -27,8 +29,8 @@ LEAST = math.radians(1.0)  # of the steering wheel, from side to side
 
 @dataclass(frozen=True, kw_only=True)
 class Weave:
-    """skip: periods at the beginning that are not used. level: lateral acceleration of the second gradient of the torque [m/s^2].
-    corner: of the low pass [Hz]. slowest, fastest: frequencies that count as weaving [Hz]."""
+    """skip: periods at the beginning that are not used. level: lateral acceleration of the second gradient of the
+    torque [m/s^2]. corner: of the low pass [Hz]. slowest, fastest: frequencies that count as weaving [Hz]."""
 
     skip: float = 1.0
     level: float = 1.0
@@ -56,7 +58,8 @@ def swings(t: np.ndarray, x: np.ndarray, level: float) -> np.ndarray:
 
 
 def loop(t: np.ndarray, x: np.ndarray, y: np.ndarray, level: float = 0.0) -> tuple[float, float]:
-    """(mean gradient dy/dx where x passes through the level, mean of y there on the way up less that on the way down)."""
+    """(mean gradient dy/dx where x passes through the level, mean of y there on the way up less that on the way
+    down)."""
     index = np.arange(t.size)
     slope_x, slope_y = np.gradient(x, t), np.gradient(y, t)
     up, down = passages(t, x, level)
@@ -77,11 +80,16 @@ def judge(s: Signals, p: Weave) -> Result:
         values['steering'] = d = d - zero
         up = swings(t, d, 0.0)
     if up.size - 1 < p.skip + 2 or (np.ptp(d) < LEAST and np.ptp(d) < LEAST * s.vehicle.turned):
-        raise s.refuse(f'no weaving in the recording: {max(up.size - 1, 0)} whole periods of the steering wheel, {p.skip + 2:g} are needed')
+        raise s.refuse(
+            f'no weaving in the recording: {max(up.size - 1, 0)} whole periods of the steering wheel, {p.skip + 2:g} '
+            'are needed'
+        )
     period = float(np.median(np.diff(up)) / s.rate)
     frequency = 1.0 / period
     if not p.slowest <= frequency <= p.fastest:
-        raise s.refuse(f'the steering wheel swings with {frequency:.3g} Hz; weaving is {p.slowest:g} to {p.fastest:g} Hz')
+        raise s.refuse(
+            f'the steering wheel swings with {frequency:.3g} Hz; weaving is {p.slowest:g} to {p.fastest:g} Hz'
+        )
     begin, end = math.ceil(up[int(p.skip)]) - 1, math.floor(up[-1]) + 2
     part = slice(max(begin, 0), end)
     t, values = t[part], {name: y[part] for name, y in values.items()}
@@ -95,12 +103,15 @@ def judge(s: Signals, p: Weave) -> Result:
     yaw_gain, yaw_hysteresis = loop(t, d, r)
     _, deadband = loop(t, a, d)
     near = np.abs(a) <= p.level
-    sensitivity = np.abs(np.gradient(a, t)[near] / np.where(np.abs(np.gradient(d, t)[near]) > 0.0, np.gradient(d, t)[near], np.nan))
+    sensitivity = np.abs(
+        np.gradient(a, t)[near] / np.where(np.abs(np.gradient(d, t)[near]) > 0.0, np.gradient(d, t)[near], np.nan)
+    )
     least = float(np.nanmin(sensitivity)) if np.isfinite(sensitivity).any() else math.nan
     if not (a.min() < -p.level and a.max() > p.level):
         least = math.nan  # where it turns back its slope is zero, and says nothing
         s.notes.append(
-            f'the lateral acceleration swings from {a.min():.3g} to {a.max():.3g} m/s^2, not beyond {p.level:g} m/s^2 to both sides: the '
+            f'the lateral acceleration swings from {a.min():.3g} to {a.max():.3g} m/s^2, not beyond {p.level:g} m/s^2 '
+            'to both sides: the '
             f'least sensitivity within that has no value; give level=... ({GIVEN})'
         )
     figures = [
@@ -108,14 +119,23 @@ def judge(s: Signals, p: Weave) -> Result:
         Figure('frequency', 'frequency of the steering wheel', frequency, 'Hz'),
         Figure('periods', 'whole periods used', float(up.size - 1 - int(p.skip)), '1'),
         Figure('lateral_acceleration', 'lateral acceleration, amplitude', abs(phase['lateral_acceleration']), 'm/s^2'),
-        Figure('steering_sensitivity', 'steering sensitivity at 0 deg (lateral acceleration per angle)', gain, 'm/s^2/rad'),
+        Figure(
+            'steering_sensitivity', 'steering sensitivity at 0 deg (lateral acceleration per angle)', gain, 'm/s^2/rad'
+        ),
         Figure('least_sensitivity', f'least steering sensitivity within {p.level:g} m/s^2', least, 'm/s^2/rad'),
-        Figure('acceleration_hysteresis', 'lateral acceleration at 0 deg, way left less way right', hysteresis, 'm/s^2'),
+        Figure(
+            'acceleration_hysteresis', 'lateral acceleration at 0 deg, way left less way right', hysteresis, 'm/s^2'
+        ),
         Figure('angle_deadband', 'steering-wheel angle at 0 m/s^2, way left less way right', deadband, 'rad'),
         Figure('yaw_rate_gain', 'yaw rate per steering-wheel angle at 0 deg', yaw_gain, '1/s'),
         Figure('yaw_rate_hysteresis', 'yaw rate at 0 deg, way left less way right', yaw_hysteresis, 'rad/s'),
         Figure('yaw_rate_delay', 'yaw rate behind the steering wheel', delay('yaw_rate'), 's'),
-        Figure('lateral_acceleration_delay', 'lateral acceleration behind the steering wheel', delay('lateral_acceleration'), 's'),
+        Figure(
+            'lateral_acceleration_delay',
+            'lateral acceleration behind the steering wheel',
+            delay('lateral_acceleration'),
+            's',
+        ),
     ]
     loops = [('steering', 'rad', 'lateral_acceleration', 'm/s^2'), ('steering', 'rad', 'yaw_rate', 'rad/s')]
     if 'steering_torque' in values:
@@ -128,14 +148,30 @@ def judge(s: Signals, p: Weave) -> Result:
         _, angle_at_zero = loop(t, m, d)
         figures += [
             Figure('torque_stiffness', 'steering-wheel torque per angle at 0 deg', stiffness, 'N m/rad'),
-            Figure('torque_hysteresis', 'steering-wheel torque at 0 deg, way left less way right', torque_hysteresis, 'N m'),
+            Figure(
+                'torque_hysteresis', 'steering-wheel torque at 0 deg, way left less way right', torque_hysteresis, 'N m'
+            ),
             Figure('torque_gradient_zero', 'steering-wheel torque gradient at 0 m/s^2', at_zero, 'N m s^2/m'),
-            Figure('torque_gradient_level', f'steering-wheel torque gradient at {p.level:g} m/s^2', at_level, 'N m s^2/m'),
-            Figure('torque_at_zero', 'steering-wheel torque at 0 m/s^2, way left less way right', torque_at_zero, 'N m'),
-            Figure('acceleration_at_zero_torque', 'lateral acceleration at 0 N m, way left less way right', acceleration_at_zero, 'm/s^2'),
-            Figure('angle_at_zero_torque', 'steering-wheel angle at 0 N m, way left less way right', angle_at_zero, 'rad'),
+            Figure(
+                'torque_gradient_level', f'steering-wheel torque gradient at {p.level:g} m/s^2', at_level, 'N m s^2/m'
+            ),
+            Figure(
+                'torque_at_zero', 'steering-wheel torque at 0 m/s^2, way left less way right', torque_at_zero, 'N m'
+            ),
+            Figure(
+                'acceleration_at_zero_torque',
+                'lateral acceleration at 0 N m, way left less way right',
+                acceleration_at_zero,
+                'm/s^2',
+            ),
+            Figure(
+                'angle_at_zero_torque', 'steering-wheel angle at 0 N m, way left less way right', angle_at_zero, 'rad'
+            ),
         ]
-        loops += [('steering', 'rad', 'steering_torque', 'N m'), ('lateral_acceleration', 'm/s^2', 'steering_torque', 'N m')]
+        loops += [
+            ('steering', 'rad', 'steering_torque', 'N m'),
+            ('lateral_acceleration', 'm/s^2', 'steering_torque', 'N m'),
+        ]
     text = {'steering': 'steering-wheel angle', 'steering_torque': 'steering-wheel torque'}
     charts = tuple(
         Chart(
@@ -147,7 +183,8 @@ def judge(s: Signals, p: Weave) -> Result:
         for x, ux, y, uy in loops
     )
     return Result(
-        evaluation='iso13674_weave', title='On-centre handling, weave test', norm=NORM, figures=tuple(figures), charts=charts,
+        evaluation='iso13674_weave', title='On-centre handling, weave '
+            'test', norm=NORM, figures=tuple(figures), charts=charts,
         notes=tuple(s.notes), source=s.place,
     )  # fmt: skip
 
@@ -160,5 +197,11 @@ WEAVE = Evaluation(
     also=('steering_torque',),
     parameters=Weave,
     judge=judge,
-    drive=Drive(maneuver='iso13674_weave', speed=100.0 / 3.6, duration=22.0, amplitude='maneuver.steering.amplitude', reaches=2.0),
+    drive=Drive(
+        maneuver='iso13674_weave',
+        speed=100.0 / 3.6,
+        duration=22.0,
+        amplitude='maneuver.steering.amplitude',
+        reaches=2.0,
+    ),
 )

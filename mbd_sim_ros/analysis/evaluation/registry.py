@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import re
 
-from mbd_sim_ros.analysis.evaluation import braking, lane_change, on_centre, ride, sine_with_dwell, steady_state, transient
+from mbd_sim_ros.analysis.evaluation import (
+    braking,
+    lane_change,
+    on_centre,
+    ride,
+    sine_with_dwell,
+    steady_state,
+    transient,
+)
 from mbd_sim_ros.analysis.evaluation.kinds import Evaluation
 from solver.errors import SpecError, suggestion
 
@@ -27,7 +35,9 @@ EVALUATIONS: tuple[Evaluation, ...] = (
 def names() -> list[str]:
     """Names of all evaluations, of the norms that several of them belong to, and other names."""
     families = {e.name.partition('_')[0] for e in EVALUATIONS}
-    return list(dict.fromkeys([*(e.name for e in EVALUATIONS), *sorted(families), *(a for e in EVALUATIONS for a in e.aliases)]))
+    return list(
+        dict.fromkeys([*(e.name for e in EVALUATIONS), *sorted(families), *(a for e in EVALUATIONS for a in e.aliases)])
+    )
 
 
 def called(name: str) -> tuple[Evaluation, ...]:

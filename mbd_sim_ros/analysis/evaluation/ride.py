@@ -31,7 +31,8 @@ NORM = 'ISO 2631-1:1997 [ISO2631]'
 SILENCE = 10.0  # zeros after the signal [s]; the response of the slowest filter, 0.4 Hz, has died out after 2 s
 # (upper end of the total value [m/s^2], likely reaction in public transport), annex C of the norm.
 COMFORT: tuple[tuple[float, str], ...] = (
-    (0.315, 'not uncomfortable'), (0.63, 'a little uncomfortable'), (1.0, 'fairly uncomfortable'), (1.6, 'uncomfortable'),
+    (0.315, 'not uncomfortable'), (0.63, 'a little '
+        'uncomfortable'), (1.0, 'fairly uncomfortable'), (1.6, 'uncomfortable'),
     (2.5, 'very uncomfortable'), (math.inf, 'extremely uncomfortable'),
 )  # fmt: skip
 CREST = 9.0  # crest factor above which the norm asks for MTVV or vibration dose value beside the RMS
@@ -66,7 +67,11 @@ class Weighting(NamedTuple):
         transition = (1.0 + s / self.f3) / (1.0 + s / (self.q4 * self.f4) + (s / self.f4) ** 2)
         H = self.gain * high * low * transition
         if self.f5:
-            H = H * (1.0 + s / (self.q5 * self.f5) + (s / self.f5) ** 2) / (1.0 + s / (self.q6 * self.f6) + (s / self.f6) ** 2)
+            H = (
+                H
+                * (1.0 + s / (self.q5 * self.f5) + (s / self.f5) ** 2)
+                / (1.0 + s / (self.q6 * self.f6) + (s / self.f6) ** 2)
+            )
             H = H * (self.f5 / self.f6) ** 2
         return H
 
@@ -82,7 +87,8 @@ AXES = (('x', 'ax', 'wd'), ('y', 'ay', 'wd'), ('z', 'az', 'wk'))  # (axis, signa
 
 @dataclass(frozen=True, kw_only=True)
 class Ride:
-    """constant: time constant of the running RMS [s]. begin: what is left out at the start [s]. kx, ky, kz: factors of the total value."""
+    """constant: time constant of the running RMS [s]. begin: what is left out at the start [s]. kx, ky, kz: factors of
+    the total value."""
 
     constant: float = 1.0
     begin: float = 2.0
@@ -141,7 +147,10 @@ def judge(s: Signals, p: Ride) -> Result:
     notes.append('accelerations are those of the IMU in the body, not those of a seat')
     rate = 1.0 / s.every(*(name for _, name, _ in AXES))  # of the accelerations; s.rate may be that of a faster topic
     if rate < 250.0:
-        notes.append(f'recorded at {rate:.4g} Hz: nothing above {0.5 * rate:.4g} Hz is in the figures, the weightings reach to 100 Hz')
+        notes.append(
+            f'recorded at {rate:.4g} Hz: nothing above {0.5 * rate:.4g} Hz is in the figures, the weightings reach to '
+            '100 Hz'
+        )
     slow = max(0.5 * float(np.ptp(low_passed(s[name], s.rate, SLOW, poles=4)[used])) for name in ('ax', 'ay'))
     if slow > DRIVEN:
         notes.append(
@@ -154,7 +163,8 @@ def judge(s: Signals, p: Ride) -> Result:
         if not on[used].all():
             where = f'only from t = {s.t[on][0]:.3g} to {s.t[on][-1]:.3g} s' if on.any() else 'at no time'
             notes.append(
-                f'the wheels are on the rough part of the road {where}, and the figures are of t = {s.t[used][0]:.3g} to '
+                f'the wheels are on the rough part of the road {where}, and the figures are of t = {s.t[used][0]:.3g} '
+                'to '
                 f'{s.t[used][-1]:.3g} s: make it longer, or the run shorter'
             )
     figures, charts, total = [], [], 0.0
@@ -171,15 +181,23 @@ def judge(s: Signals, p: Ride) -> Result:
         figures.append(Figure(f'{axis}_{key}_rms', f'{of}: weighted RMS', rms, 'm/s^2'))
         figures.append(Figure(f'{axis}_{key}_vdv', f'{of}: vibration dose value', dose, 'm/s^1.75'))
         if key != 'wb':
-            figures.append(Figure(f'{axis}_{key}_mtvv', f'{of}: largest running RMS (MTVV)', float(running.max()), 'm/s^2'))
+            figures.append(
+                Figure(f'{axis}_{key}_mtvv', f'{of}: largest running RMS (MTVV)', float(running.max()), 'm/s^2')
+            )
             figures.append(Figure(f'{axis}_{key}_crest', f'{of}: crest factor', crest, '1'))
             if crest > CREST:
                 notes.append(
-                    f'crest factor of {axis} above {CREST:g}: the weighted RMS may understate it; look at MTVV and vibration dose value'
+                    f'crest factor of {axis} above {CREST:g}: the weighted RMS may understate it; look at MTVV and '
+                    'vibration dose value'
                 )
             label = (f'weighted acceleration, {axis}', 'm/s^2')
             charts.append(
-                Chart(title=f'{of}', x=('time', 's'), y=label, curves=(Curve('weighted', t, y, 'other'), Curve('running RMS', t, running)))
+                Chart(
+                    title=f'{of}',
+                    x=('time', 's'),
+                    y=label,
+                    curves=(Curve('weighted', t, y, 'other'), Curve('running RMS', t, running)),
+                )
             )
     total = math.sqrt(total)
     figures.insert(0, Figure('total', 'vibration total value of the weighted RMS', total, 'm/s^2'))

@@ -1,8 +1,8 @@
 """The signals that evaluations ask for, on one even grid of time, from our recordings and from mapped ones of others.
 
-A signal is taken from the channel of its own name (a mapping file may give `roll: {channel: vehicle/roll, unit: deg}`), or it is computed
-from the channels of our recordings. Axes and signs: docs/conventions.md; velocities and positions are those of base_link, accelerations
-those of the place of the IMU, the centre of mass of the chassis.
+A signal is taken from the channel of its own name (a mapping file may give `roll: {channel: vehicle/roll, unit: deg}`),
+or it is computed from the channels of our recordings. Axes and signs: docs/conventions.md; velocities and positions are
+those of base_link, accelerations those of the place of the IMU, the centre of mass of the chassis.
 """
 
 from __future__ import annotations
@@ -32,12 +32,14 @@ TWIST = tuple(f'odom/twist/{name}' for name in ('vx', 'vy', 'vz', 'wx', 'wy', 'w
 FORCE = tuple(f'imu/{name}' for name in ('ax', 'ay', 'az'))
 BODY = (*POSE, *TWIST, *FORCE)
 LARGEST_RATE = 1000.0  # Hz of the grid
-BAND = 0.4  # of the rate of the grid: what is recorded finer is low-passed there, or it would come back below half the rate
+# of the rate of the grid: what is recorded finer is low-passed there, or it would come back below half the rate
+BAND = 0.4
 GIVEN = 'by --set'  # parameters of an evaluation
 GAP = 0.25  # s without a sample that is told
 SLOWER = 3.0  # times the usual interval: what is so much longer in a second is another rate
 SHARED = 0.95  # part of the time of all topics that an evaluation covers without a note
-COMMANDS = tuple(f'cmd_applied/{name}' for name in ('brake_torque', 'drive_torque', 'steering_torque'))  # torques, which hold
+# torques, which hold
+COMMANDS = tuple(f'cmd_applied/{name}' for name in ('brake_torque', 'drive_torque', 'steering_torque'))
 MOST_SAMPLES = 5_000_000  # of the grid: an hour and more at its largest rate
 Columns = Sequence[np.ndarray]
 
@@ -65,11 +67,23 @@ def _one(channel: str, note: str = '') -> Way:
     return Way((channel,), lambda columns: columns[0], note)
 
 
-TILT = 'lateral acceleration is the channel imu/ay as it is, with what the roll of the body adds to it: the recording has no orientation'
+TILT = (
+    'lateral acceleration is the channel imu/ay as it is, with what the roll of the body adds to it: the recording '
+    'has no orientation'
+)
 WAYS: dict[str, tuple[str, str, tuple[Way, ...]]] = {
-    'steering': ('rad', 'angle of the steering wheel', (_one('cmd_applied/steering'), _one('joint_states/steering_wheel/position'))),
-    # of a wheel that a torque turns the effort is what all elements act on it with: the hand, and a damper of the steering
-    'steering_torque': ('N m', 'hand torque', (_one('cmd_applied/steering_torque'), _one('joint_states/steering_wheel/effort'))),
+    'steering': (
+        'rad',
+        'angle of the steering wheel',
+        (_one('cmd_applied/steering'), _one('joint_states/steering_wheel/position')),
+    ),
+    # of a wheel that a torque turns the effort is what all elements act on it with: the hand, and a damper of the
+    # steering
+    'steering_torque': (
+        'N m',
+        'hand torque',
+        (_one('cmd_applied/steering_torque'), _one('joint_states/steering_wheel/effort')),
+    ),
     'brake': ('N m', 'brake command', (_one('cmd_applied/brake_torque'),)),
     'speed': ('m/s', 'speed along the vehicle', (_of_body('longitudinal_velocity'), _one('odom/twist/vx'))),
     'sideslip_angle': (
@@ -121,8 +135,9 @@ class Vehicle:
 
     @property
     def turned(self) -> float:
-        """By what part of that of a passenger car the steering wheel is turned for the same lateral acceleration, at most 1: little where
-        the steering is as direct, and the wheelbase as short, as those of models are. 1 where the vehicle is not known."""
+        """By what part of that of a passenger car the steering wheel is turned for the same lateral acceleration, at
+        most 1: little where the steering is as direct, and the wheelbase as short, as those of models are. 1 where the
+        vehicle is not known."""
         if self.ratio is None or self.scene is None:
             return 1.0
         return min(1.0, abs(self.ratio) / DIRECT) * min(1.0, size_of(self.scene.model).length)
@@ -133,7 +148,8 @@ class Vehicle:
 
 
 def scene_of(run: Run, place: str) -> tuple[Scene | None, str]:
-    """The scene that a recording holds, or why one that it holds cannot be read, as that of another version; (None, '') without one."""
+    """The scene that a recording holds, or why one that it holds cannot be read, as that of another version; (None, '')
+    without one."""
     text = run.metadata.get('resolved_scene', '')
     try:
         return (load_scene_text(text, f'scene in {place}') if text else None), ''
@@ -143,8 +159,8 @@ def scene_of(run: Run, place: str) -> tuple[Scene | None, str]:
 
 @dataclass(kw_only=True)
 class Signals:
-    """The signals of a recording. t: (n,) evenly spaced [s], counted from the first stamp where stamps tell the time of day. spacing: time
-    between two samples of what a signal is made from, where that is longer [s]."""
+    """The signals of a recording. t: (n,) evenly spaced [s], counted from the first stamp where stamps tell the time of
+    day. spacing: time between two samples of what a signal is made from, where that is longer [s]."""
 
     place: str
     t: np.ndarray
@@ -209,14 +225,22 @@ def signals(
             chosen[name] = way
             continue
         unread = next(
-            (f'{t} is not read: {why}' for t, why in run.left_out.items() for w in ways if w.channels[-1].startswith(f'{t}/')), ''
+            (
+                f'{t} is not read: {why}'
+                for t, why in run.left_out.items()
+                for w in ways
+                if w.channels[-1].startswith(f'{t}/')
+            ),
+            '',
         )
         if name in needs:
             fewest = min(ways, key=lambda w: len(w.channels))
             lacking = [channel for channel in fewest.channels if channel not in home]
             if unread:
                 raise BagError(f'{place}: has no {text}: {unread}')
-            raise BagError(f'{place}: has no {text}: the channel {name} or {lacking[0]} is needed; map it with --map THEIRS={name}')
+            raise BagError(
+                f'{place}: has no {text}: the channel {name} or {lacking[0]} is needed; map it with --map THEIRS={name}'
+            )
         if unread:
             without[unread] = None
     channels = tuple(dict.fromkeys(channel for way in chosen.values() for channel in way.channels))
@@ -256,7 +280,8 @@ def _numbers(series: Series, channel: str, place: str) -> tuple[np.ndarray, np.n
 
 
 def _grid(times: Mapping[str, np.ndarray], place: str, held: frozenset[str]) -> tuple[np.ndarray, int, list[str]]:
-    """(n,) instants [ns] in the time that all channels share, as fine as the finest of them; what counts as zero; notes.
+    """(n,) instants [ns] in the time that all channels share, as fine as the finest of them; what counts as zero;
+    notes.
 
     held: channels whose last value holds, so that they neither end before the others nor have gaps.
     """
@@ -268,7 +293,8 @@ def _grid(times: Mapping[str, np.ndarray], place: str, held: frozenset[str]) -> 
     step = max(step, round(1e9 / LARGEST_RATE))
     if end - begin > MOST_SAMPLES * step:
         raise BagError(
-            f'{place}: from {begin * 1e-9:.6g} to {end * 1e-9:.6g} s there are more than {MOST_SAMPLES} samples at steps of '
+            f'{place}: from {begin * 1e-9:.6g} to {end * 1e-9:.6g} s there are more than {MOST_SAMPLES} samples at '
+            'steps of '
             f'{step * 1e-9:g} s; a clock was set meanwhile, or there is a long gap: cut the recording there'
         )
     notes, origin = [], 0 if begin < 10_000_000_000_000 else begin
@@ -280,15 +306,17 @@ def _grid(times: Mapping[str, np.ndarray], place: str, held: frozenset[str]) -> 
         if apart[widest] > max(GAP * 1e9, 3 * step):
             count = int(np.sum(apart > max(GAP * 1e9, 3 * step)))
             more = f', the longest of {count} such times' if count > 1 else ''
-            notes.append(f'{apart[widest] * 1e-9:.3g} s without samples behind t = {(t[widest] - origin) * 1e-9:.3g} s{more}')
+            notes.append(
+                f'{apart[widest] * 1e-9:.3g} s without samples behind t = {(t[widest] - origin) * 1e-9:.3g} s{more}'
+            )
     notes += _outside({c: t for c, t in times.items() if c not in held} or times, origin)
     grid = np.arange(begin, end + 1, step, dtype=np.int64)
     return grid, origin, list(dict.fromkeys(notes))
 
 
 def _apart(time_ns: np.ndarray) -> float:
-    """Time between two samples [ns]: the usual one or, where the rate is lower for a tenth of the time, that in its seconds. Stamps may be
-    uneven, and seconds without any sample are gaps."""
+    """Time between two samples [ns]: the usual one or, where the rate is lower for a tenth of the time, that in its
+    seconds. Stamps may be uneven, and seconds without any sample are gaps."""
     usual = float(np.median(np.diff(time_ns)))
     _, counts = np.unique((time_ns - time_ns[0]) // 1_000_000_000, return_counts=True)
     slow = float(np.quantile(1e9 / counts[:-1], 0.9)) if counts.size > 1 else usual  # the last second is not whole
@@ -296,14 +324,16 @@ def _apart(time_ns: np.ndarray) -> float:
 
 
 def _outside(times: Mapping[str, np.ndarray], origin: int) -> list[str]:
-    """A note where the time that all channels share is not nearly all there is: what begins last, or ends first. times: of those that are
-    sampled, not of commands."""
+    """A note where the time that all channels share is not nearly all there is: what begins last, or ends first. times:
+    of those that are sampled, not of commands."""
     begins, ends = ({c: int(t[k]) for c, t in times.items()} for k in (0, -1))
     first, begin, end, last = min(begins.values()), max(begins.values()), min(ends.values()), max(ends.values())
     if end - begin >= SHARED * (last - first):
         return []
     late = begin - first > last - end
-    who = f'{max(begins, key=begins.__getitem__)} begins then' if late else f'{min(ends, key=ends.__getitem__)} ends then'
+    who = (
+        f'{max(begins, key=begins.__getitem__)} begins then' if late else f'{min(ends, key=ends.__getitem__)} ends then'
+    )
     t = [(one - origin) * 1e-9 for one in (begin, end, first, last)]
     return [f'judged from t = {t[0]:.4g} to {t[1]:.4g} s alone, of {t[2]:.4g} to {t[3]:.4g} s: {who}']
 
@@ -317,7 +347,11 @@ def _resampled(grid: np.ndarray, time_ns: np.ndarray, values: np.ndarray, name: 
         return values[np.clip(np.searchsorted(time_ns, grid, 'right') - 1, 0, None)]
     at, own = (grid - grid[0]).astype(float), (time_ns - grid[0]).astype(float)
     step = float(at[1])
-    finer = min(math.ceil(step / max(float(np.median(np.diff(own))), 1.0) - 0.01), 2 * values.size // at.size) if own.size > 1 else 1
+    finer = (
+        min(math.ceil(step / max(float(np.median(np.diff(own))), 1.0) - 0.01), 2 * values.size // at.size)
+        if own.size > 1
+        else 1
+    )
     if finer < 2:
         return np.interp(at, own, values)
     fine = np.interp(np.arange((at.size - 1) * finer + 1) * (step / finer), own, values)
@@ -333,8 +367,8 @@ def _normalise(columns: dict[str, np.ndarray]) -> None:
 
 
 def _without_jumps(run: Run) -> dict[str, Series]:
-    """The series of a run, its quaternions without changes of sign, so that they may be interpolated; zeros, which who knows no orientation
-    sends, are none."""
+    """The series of a run, its quaternions without changes of sign, so that they may be interpolated; zeros, which who
+    knows no orientation sends, are none."""
     series = dict(run.series)
     for topic, one in run.series.items():
         if all(name in one.columns for name in POSE[3:]):

@@ -1,18 +1,20 @@
 """Sine with dwell: electronic stability control by [ESC2007], the test that [ISOValidation2016] (ISO 19365) simulates.
 
-Steering wheel, yaw rate and lateral acceleration pass 12-pole Butterworth filters without phase (10, 6 and 6 Hz) and lose their means over
-the second before the steering wheel turns faster than 75 deg/s for 200 ms (its rate is a running mean over 0.1 s). Then
+Steering wheel, yaw rate and lateral acceleration pass 12-pole Butterworth filters without phase (10, 6 and 6 Hz) and
+lose their means over the second before the steering wheel turns faster than 75 deg/s for 200 ms (its rate is a running
+mean over 0.1 s). Then
 
     beginning of steer (BOS)    the steering wheel reaches 5 deg
     completion of steer (COS)   it is back at zero after the dwell, or where it rests beside, at 0.5 deg
-    second peak of yaw rate     the first one after the steering wheel has changed its sign; a car that goes on turning to its first
-                                side has none, and is not stable
+    second peak of yaw rate     the first one after the steering wheel has changed its sign; a car that goes on turning
+                                to its first side has none, and is not stable
     stability                   yaw rate 1.00 s and 1.75 s after COS at most 35 % and 20 % of that peak
-    responsiveness              lateral displacement 1.07 s after BOS at least 1.83 m (1.52 m above 3500 kg), for amplitudes from 5 A on,
-                                by integrating the lateral acceleration twice, from zero at BOS
+    responsiveness              lateral displacement 1.07 s after BOS at least 1.83 m (1.52 m above 3500 kg), for
+                                amplitudes from 5 A on, by integrating the lateral acceleration twice, from zero at BOS
 
-A is the angle of the steering wheel at 0.3 g and 80 km/h in a slow ramp (13.5 deg/s, straight line, mean of both sides, to 0.1 deg). Series
-to both sides begin with 1.5 A and grow by 0.5 A up to 6.5 A or 270 deg, whichever is more, and 300 deg at most.
+A is the angle of the steering wheel at 0.3 g and 80 km/h in a slow ramp (13.5 deg/s, straight line, mean of both sides,
+to 0.1 deg). Series to both sides begin with 1.5 A and grow by 0.5 A up to 6.5 A or 270 deg, whichever is more, and 300
+deg at most.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ from solver.units import STANDARD_GRAVITY
 NORM = 'FMVSS 126, 49 CFR 571.126 [ESC2007]; ISO 19365 [ISOValidation2016]'
 FAST, LASTS = math.radians(75.0), 0.2  # rate of the steering wheel [rad/s], for how long [s]
 BEGIN = math.radians(5.0)
-RETURNED, SOON = math.radians(0.5), 0.05  # rad from zero, and s later: a steering wheel that is not at zero by then rests beside it
+# rad from zero, and s later: a steering wheel that is not at zero by then rests beside it
+RETURNED, SOON = math.radians(0.5), 0.05
 AFTER = ((1.0, 0.35), (1.75, 0.20))  # s after COS, ratio allowed
 WHEN, NEAR, NEAR_HEAVY, HEAVY = 1.07, 1.83, 1.52, 3500.0  # s after BOS, m, m above kg
 FROM = 5.0  # amplitudes over A for which responsiveness is asked for
@@ -46,20 +49,25 @@ LEAST_LAST, MOST_LAST = math.radians(270.0), math.radians(300.0)
 
 @dataclass(frozen=True, kw_only=True)
 class SineWithDwell:
-    """reference: the angle A at the steering wheel [rad]; without it responsiveness is given but not judged. mass: of the vehicle, which
-    decides the displacement that is asked for (none: of the scene; where neither is known, a light one) [kg]."""
+    """reference: the angle A at the steering wheel [rad]; without it responsiveness is given but not judged. mass: of
+    the vehicle, which decides the displacement that is asked for (none: of the scene; where neither is known, a light
+    one) [kg]."""
 
     reference: float | None = None
     mass: float | None = None
 
 
 def series(reference: float) -> list[float]:
-    """The amplitudes [rad] of one side for the angle A [rad]. Raises SpecError for a steering that is too direct for them."""
-    slowest = FAST / (math.tau * FREQUENCY * math.cos(math.tau * FREQUENCY * LASTS))  # that turns faster than FAST for so long
+    """The amplitudes [rad] of one side for the angle A [rad]. Raises SpecError for a steering that is too direct for
+    them."""
+    # that turns faster than FAST for so long
+    slowest = FAST / (math.tau * FREQUENCY * math.cos(math.tau * FREQUENCY * LASTS))
     if FIRST * reference < slowest:
         raise SpecError(
-            f'fmvss126 is no maneuver for so direct a steering: A, its angle at 0.3 g, is {math.degrees(reference):.3g} deg, and a sine of '
-            f'{FIRST:g} A does not turn the steering wheel at 75 deg/s, by which the norm finds its beginning; that takes A = '
+            'fmvss126 is no maneuver for so direct a steering: A, its angle at 0.3 g, is '
+            f'{math.degrees(reference):.3g} deg, and a sine of '
+            f'{FIRST:g} A does not turn the steering wheel at 75 deg/s, by which the norm finds its beginning; that '
+            'takes A = '
             f'{math.degrees(slowest / FIRST):.3g} deg'
         )
     last = min(max(LAST * reference, LEAST_LAST), MOST_LAST)
@@ -76,16 +84,24 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
     apart = s.every('steering', 'yaw_rate', 'lateral_acceleration')
     if apart > 1.0 / LEAST_RATE:
         s.notes.append(
-            f'recorded every {apart:.3g} s: the filters of the norm and its instants between samples need {LEAST_RATE:g} a second at least'
+            f'recorded every {apart:.3g} s: the filters of the norm and its instants between samples need '
+            f'{LEAST_RATE:g} a second at least'
         )
     wheel = low_passed(s['steering'], s.rate, 10.0)
     width = max(1, round(0.1 * s.rate))
     rate = np.convolve(np.gradient(wheel, t), np.full(width, 1.0 / width), mode='same')
     fast = np.abs(rate) > FAST
     hold = max(1, round(LASTS * s.rate))
-    lasting = [k for k in np.flatnonzero(fast[:-hold] & ~np.concatenate([[False], fast[: -hold - 1]])) if fast[k : k + hold].all()]
+    lasting = [
+        k
+        for k in np.flatnonzero(fast[:-hold] & ~np.concatenate([[False], fast[: -hold - 1]]))
+        if fast[k : k + hold].all()
+    ]
     if not lasting:
-        raise s.refuse(f'no sine with dwell in the recording: the steering wheel does not turn faster than 75 deg/s for {LASTS:g} s')
+        raise s.refuse(
+            f'no sine with dwell in the recording: the steering wheel does not turn faster than 75 deg/s for {LASTS:g} '
+            's'
+        )
     zeroing = float(t[lasting[0]])
     before = s.between(zeroing - 1.0, zeroing)
     wheel = wheel - wheel[before].mean()
@@ -104,11 +120,15 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
     if not cos <= back + SOON:
         cos = back  # it rests beside zero
     if math.isnan(cos) or t[-1] < cos + AFTER[-1][0]:
-        raise s.refuse(f'the recording ends before {AFTER[-1][0]:g} s after the completion of steer; no sine with dwell that can be judged')
+        raise s.refuse(
+            f'the recording ends before {AFTER[-1][0]:g} s after the completion of steer; no sine with dwell that can '
+            'be judged'
+        )
     held = float(np.mean(-wheel[s.between(reversal, cos)] > 0.95 * largest) * (cos - reversal))
     if held < 0.3:
         raise s.refuse(
-            f'no sine with dwell in the recording: the steering wheel stays at its second peak for {held:.2g} s instead of 0.5 s'
+            f'no sine with dwell in the recording: the steering wheel stays at its second peak for {held:.2g} s '
+            'instead of 0.5 s'
         )
     amplitude = float(np.max(np.abs(wheel[s.between(bos, cos)])))
     peak_time, peak_yaw = _second_peak(t, -yaw, s.between(reversal, cos + 0.5))
@@ -126,7 +146,10 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
     speed = at(t, s['speed'], bos)
     figures = [
         Figure(
-            'amplitude', 'amplitude of the steering wheel, first to the ' + ('left' if side > 0.0 else 'right'), side * amplitude, 'rad'
+            'amplitude',
+            'amplitude of the steering wheel, first to the ' + ('left' if side > 0.0 else 'right'),
+            side * amplitude,
+            'rad',
         ),
         Figure('speed', 'speed at the beginning of steer', speed, 'm/s'),
         Figure('peak_yaw_rate', 'second peak of the yaw rate', peak_yaw if answers else math.nan, 'rad/s'),
@@ -137,7 +160,14 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
         ratio = abs(at(t, yaw, cos + seconds)) / peak_yaw if answers else math.inf
         name = f'yaw_rate_ratio_{seconds * 100:.0f}'
         figures.append(
-            Figure(name, f'yaw rate {seconds:.2f} s after completion of steer over that', ratio, '1', f'<= {allowed:.2f}', ratio <= allowed)
+            Figure(
+                name,
+                f'yaw rate {seconds:.2f} s after completion of steer over that',
+                ratio,
+                '1',
+                f'<= {allowed:.2f}',
+                ratio <= allowed,
+            )
         )
     limit = f'>= {needed:g} m' + ('' if asked else f' from {FROM:g} A on')
     figures.append(
@@ -152,15 +182,20 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
     )
     notes = list(s.notes)
     if abs(speed - SPEED) > SPEED_TO:
-        notes.append(f'steered at {3.6 * speed:.4g} km/h; the norm wants {3.6 * SPEED:g} km/h, to {3.6 * SPEED_TO:g} km/h')
+        notes.append(
+            f'steered at {3.6 * speed:.4g} km/h; the norm wants {3.6 * SPEED:g} km/h, to {3.6 * SPEED_TO:g} km/h'
+        )
     if not answers:
         notes.append(
-            'the yaw rate does not follow the steering wheel to its other side, so it has no second peak: the car spins, or a sign is wrong'
+            'the yaw rate does not follow the steering wheel to its other side, so it has no second peak: the car '
+            'spins, or a sign is wrong'
         )
     if p.reference is not None and amplitude < LEAST * FIRST * p.reference:
         notes.append(
-            f'the amplitude is {amplitude / p.reference:.3g} A, and the series of the norm begins with {FIRST:g} A: check reference, the '
-            f'angle A in rad, which is {math.degrees(p.reference):.4g} deg here; responsiveness is judged from {FROM:g} A on'
+            f'the amplitude is {amplitude / p.reference:.3g} A, and the series of the norm begins with {FIRST:g} A: '
+            'check reference, the '
+            f'angle A in rad, which is {math.degrees(p.reference):.4g} deg here; responsiveness is judged from '
+            f'{FROM:g} A on'
         )
     if p.reference is None:
         notes.append(f'responsiveness is not judged: the angle A is not known; give reference=... in rad ({GIVEN})')
@@ -179,21 +214,30 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
                 Curve('yaw rate', t[shown] - bos, side * yaw[shown]),
                 Curve('second peak, 1.00 s and 1.75 s after completion', marks - bos, seen, 'points'),
                 *(
-                    Curve('allowed' if k == 0 else '', np.array([m - 0.15, m + 0.15]) - bos, np.full(2, sign * limit), 'limit')
-                    for k, (m, limit, sign) in enumerate((m, x, sign) for m, x in zip(marks[1:], allowed_at) for sign in (-1.0, 1.0))
+                    Curve('allowed' if k == 0 else '', np.array([m - 0.15, m + 0.15]) - bos, np.full(2, sign * limit),
+                    'limit')
+                    for k, (m, limit, sign) in enumerate((m, x, sign) for m, x in zip(marks[1:],
+                    allowed_at) for sign in (-1.0, 1.0))
                 ),
             ),
         ),
         Chart(
             title='lateral displacement', x=('time', 's'), y=('lateral displacement', 'm'),
             curves=(
-                Curve('displacement', tt[tt <= bos + 1.5] - bos, side * integral(tt, integral(tt, aa))[tt <= bos + 1.5]),
+                Curve('displacement', tt[tt <= bos + 1.5] - bos,
+                side * integral(tt, integral(tt, aa))[tt <= bos + 1.5]),
                 Curve('asked for at 1.07 s', np.array([WHEN]), np.array([side * needed]), 'points'),
             ),
         ),
     )  # fmt: skip
     return Result(
-        evaluation='fmvss126', title='Sine with dwell', norm=NORM, figures=tuple(figures), charts=charts, notes=tuple(notes), source=s.place
+        evaluation='fmvss126',
+        title='Sine with dwell',
+        norm=NORM,
+        figures=tuple(figures),
+        charts=charts,
+        notes=tuple(notes),
+        source=s.place,
     )
 
 
@@ -224,8 +268,12 @@ def together(results: list[Result]) -> tuple[Figure, ...]:
     if asked:
         text = f'least lateral displacement from {FROM:g} A on'
         limit = next(f.limit for r in results for f in r.figures if f.name == 'displacement' and f.ok is not None)
-        figures.append(Figure('least_displacement', text, min(d for d, _ in asked), 'm', limit, all(ok for _, ok in asked)))
-    by_amplitude = sorted((abs(r['amplitude']), all(f.ok for f in r.figures if f.name.startswith('yaw_rate_ratio'))) for r in results)
+        figures.append(
+            Figure('least_displacement', text, min(d for d, _ in asked), 'm', limit, all(ok for _, ok in asked))
+        )
+    by_amplitude = sorted(
+        (abs(r['amplitude']), all(f.ok for f in r.figures if f.name.startswith('yaw_rate_ratio'))) for r in results
+    )
     lost = min((a for a, stable in by_amplitude if not stable), default=math.inf)
     up_to = max((a for a, _ in by_amplitude if a < lost), default=0.0)
     figures.append(Figure('stable_up_to', 'largest amplitude up to which every run is stable', up_to, 'rad'))

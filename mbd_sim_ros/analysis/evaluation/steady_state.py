@@ -1,18 +1,18 @@
 """Steady-state circular driving [ISO4138]: gradients over lateral acceleration, by the three open-loop methods.
 
-With the steering wheel at d_H, speed v and yaw rate r, the path has the curvature k = r/v and the lateral acceleration is a = v r. (What an
-accelerometer shows besides, v times the rate of the sideslip angle, is no part of a steady state; in a ramp of the steering wheel of
-0.1 rad/s it makes 2 % of the understeer gradient.) Each slope is that of a straight line of least squares through all samples with
-`low` <= |a| <= `high`:
+With the steering wheel at d_H, speed v and yaw rate r, the path has the curvature k = r/v and the lateral acceleration
+is a = v r. (What an accelerometer shows besides, v times the rate of the sideslip angle, is no part of a steady state;
+in a ramp of the steering wheel of 0.1 rad/s it makes 2 % of the understeer gradient.) Each slope is that of a straight
+line of least squares through all samples with `low` <= |a| <= `high`:
 
     steering-wheel angle gradient  d d_H/d a
     reference steer gradient       d (L k)/d a           the angle that a car without slip would need (Ackermann)
     understeer gradient            (1/i) d d_H/d a - d (L k)/d a
     roll-angle, sideslip-angle, steering-wheel-torque gradients likewise
 
-The formula of the understeer gradient is the same for all methods: at constant radius the second slope is zero, at constant steering
-angle the first, and at constant speed the second is L/v^2. L is the wheelbase, i the ratio of the steering. Signals are low-passed at
-1 Hz without delay.
+The formula of the understeer gradient is the same for all methods: at constant radius the second slope is zero, at
+constant steering angle the first, and at constant speed the second is L/v^2. L is the wheelbase, i the ratio of the
+steering. Signals are low-passed at 1 Hz without delay.
 """
 
 from __future__ import annotations
@@ -31,17 +31,20 @@ from solver.scene import Scene
 
 NORM = 'ISO 4138:2021 [ISO4138]'
 SMOOTH = 1.0  # Hz
-SUDDEN = 1.0 / 3.0  # part of the range that may be passed in a period of the low pass without a note; all of it is no steady state
-STEADY = {'constant_radius': 0.05, 'constant_steering': 0.02, 'constant_speed': 0.05}  # part of its mean that may vary (standard deviation)
+# part of the range that may be passed in a period of the low pass without a note; all of it is no steady state
+SUDDEN = 1.0 / 3.0
+# part of its mean that may vary (standard deviation)
+STEADY = {'constant_radius': 0.05, 'constant_steering': 0.02, 'constant_speed': 0.05}
 NEAR = 0.025  # part of its median by which the curvature may differ where it has settled on a circle
-FINAL, ON = 21.5, 100.0  # m/s of the two with a speed that rises; on a circle of so many metres, others with the same acceleration
+# m/s of the two with a speed that rises; on a circle of so many metres, others with the same acceleration
+FINAL, ON = 21.5, 100.0
 GROWS, BEGINS, DURATION = 0.5, 4.0, 32.0  # m/s^2 of that, from when on [s], how long it is at least [s]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SteadyState:
-    """low, high: lateral accelerations between which the gradients are [m/s^2]. wheelbase [m], ratio [-]: of the vehicle (none: of the
-    scene in the recording)."""
+    """low, high: lateral accelerations between which the gradients are [m/s^2]. wheelbase [m], ratio [-]: of the
+    vehicle (none: of the scene in the recording)."""
 
     low: float = 1.0
     high: float = 4.0
@@ -50,8 +53,8 @@ class SteadyState:
 
 
 def settled(curvature: np.ndarray, on: float, rate: float) -> int:
-    """Index of the sample from which the curvature is near `on` for as long as the low pass remembers: the entry into a circle is over.
-    0 where it never is."""
+    """Index of the sample from which the curvature is near `on` for as long as the low pass remembers: the entry into a
+    circle is over. 0 where it never is."""
     near = np.abs(curvature - on) <= NEAR * abs(on)  # not where it is NaN
     n = max(round(rate / SMOOTH), 1)
     run = np.convolve(near, np.ones(n, int))[n - 1 : near.size]
@@ -74,19 +77,26 @@ def judge(s: Signals, p: SteadyState, method: str) -> Result:
         used &= np.arange(a.size) >= settled(curvature, float(np.median(curvature[used])), s.rate)
     span = float(np.ptp(a[used])) if used.any() else 0.0
     if span < 0.5 * (p.high - p.low) or used.sum() < 10:
-        passed = f'largest {float(np.max(a)):.3g} m/s^2' + (f', steady from {float(a[used].min()):.3g} m/s^2 on' if used.any() else '')
+        passed = f'largest {float(np.max(a)):.3g} m/s^2' + (
+            f', steady from {float(a[used].min()):.3g} m/s^2 on' if used.any() else ''
+        )
         raise s.refuse(
             'no steady-state circular driving in the recording: '
             f'lateral accelerations between {p.low:g} and {p.high:g} m/s^2 are not passed through '
             f'({passed}); try others, low=... high=... ({GIVEN})'
         )
-    constant = {'constant_radius': 1.0 / curvature, 'constant_steering': side * smooth['steering'], 'constant_speed': speed}[method][used]
+    constant = {
+        'constant_radius': 1.0 / curvature,
+        'constant_steering': side * smooth['steering'],
+        'constant_speed': speed,
+    }[method][used]
     spread = float(np.std(constant) / abs(np.mean(constant)))
     if spread > STEADY[method]:
         what = method.removeprefix('constant_')
         varies = f'it varies by {100.0 * spread:.3g} % (standard deviation), allowed {100.0 * STEADY[method]:g} %'
         raise s.refuse(f'not driven with constant {what}: {varies}')
-    quickest = float(np.abs(np.gradient(a, s.t))[used].max()) / SMOOTH  # change in the time that the low pass resolves [m/s^2]
+    # change in the time that the low pass resolves [m/s^2]
+    quickest = float(np.abs(np.gradient(a, s.t))[used].max()) / SMOOTH
     if method == 'constant_speed' and quickest > SUDDEN * (p.high - p.low):
         told = f'the lateral acceleration changes by {quickest:.3g} m/s^2 within {1.0 / SMOOTH:g} s'
         if quickest > p.high - p.low:
@@ -100,7 +110,11 @@ def judge(s: Signals, p: SteadyState, method: str) -> Result:
 
     wheel, reference = slope(side * smooth['steering']), wheelbase * slope(curvature)
     unit = {'constant_radius': 'm', 'constant_steering': 'rad', 'constant_speed': 'm/s'}[method]
-    what = {'constant_radius': 'radius of the path', 'constant_steering': 'angle of the steering wheel', 'constant_speed': 'speed'}[method]
+    what = {
+        'constant_radius': 'radius of the path',
+        'constant_steering': 'angle of the steering wheel',
+        'constant_speed': 'speed',
+    }[method]
     figures = [
         Figure('understeer_gradient', 'understeer gradient', wheel / ratio - reference, 'rad s^2/m'),
         Figure('steering_wheel_gradient', 'steering-wheel angle gradient', wheel, 'rad s^2/m'),
@@ -136,7 +150,10 @@ def judge(s: Signals, p: SteadyState, method: str) -> Result:
                     title=label,
                     x=('lateral acceleration', 'm/s^2'),
                     y=(label, 'N m' if name == 'steering_torque' else 'rad'),
-                    curves=(Curve('measured', a[shown], values[shown]), Curve('straight line', ends, zero + k * ends, 'reference')),
+                    curves=(
+                        Curve('measured', a[shown], values[shown]),
+                        Curve('straight line', ends, zero + k * ends, 'reference'),
+                    ),
                 )
             )
     return Result(
@@ -152,7 +169,8 @@ def from_the_start(scene: Scene) -> dict[str, object]:
     final = max(FINAL * (math.sqrt(abs(circle.radius) / ON) if circle else 1.0), initial + 1.0)
     duration = max(DURATION, BEGINS + (final - initial) / GROWS + 1.0)
     return {
-        'maneuver.speed.target.initial': initial, 'maneuver.speed.target.final': round(final, 2), 'duration': round(duration, 1),
+        'maneuver.speed.target.initial': initial, 'maneuver.speed.target.final': round(final, 2),
+        'duration': round(duration, 1),
     }  # fmt: skip
 
 
@@ -170,7 +188,8 @@ def _evaluation(method: str, drive: Drive) -> Evaluation:
 
 
 CONSTANT_RADIUS = _evaluation(
-    'constant_radius', Drive(maneuver='iso4138_constant_radius', speed=8.0, duration=DURATION, driver=True, fitted=from_the_start)
+    'constant_radius',
+    Drive(maneuver='iso4138_constant_radius', speed=8.0, duration=DURATION, driver=True, fitted=from_the_start),
 )
 CONSTANT_STEERING = _evaluation(
     'constant_steering',
@@ -183,4 +202,6 @@ CONSTANT_STEERING = _evaluation(
         fitted=from_the_start,
     ),
 )
-CONSTANT_SPEED = _evaluation('constant_speed', Drive(maneuver='iso4138_constant_speed', speed=80.0 / 3.6, duration=16.0))
+CONSTANT_SPEED = _evaluation(
+    'constant_speed', Drive(maneuver='iso4138_constant_speed', speed=80.0 / 3.6, duration=16.0)
+)

@@ -1,14 +1,17 @@
-"""Lateral transient response [ISO7401]: step of the steering wheel, and the frequency response to a random or swept input.
+"""Lateral transient response [ISO7401]: step of the steering wheel, and the frequency response to a random or swept
+input.
 
-Step: times count from the instant at which the steering wheel has made half its change. The response time of a signal is the time to
-90 % of its new steady value, the peak response time that to its largest value before the steady values, the overshoot
-(largest - steady)/steady; a signal that only grows until then has no peak. The TB factor is the steady sideslip angle times the peak
-response time of the yaw rate. Steady values are means from `settled` to `settled + length` after that instant.
+Step: times count from the instant at which the steering wheel has made half its change. The response time of a signal
+is the time to 90 % of its new steady value, the peak response time that to its largest value before the steady values,
+the overshoot (largest - steady)/steady; a signal that only grows until then has no peak. The TB factor is the steady
+sideslip angle times the peak response time of the yaw rate. Steady values are means from `settled` to `settled +
+length` after that instant.
 
-Frequency response of y to the steering wheel x: H = S_xy/S_xx, coherence |S_xy|^2/(S_xx S_yy), from spectra by Welch's method
-[Welch1967] with Hann windows that overlap by three quarters. In a sweep every frequency has its time, and a window that rises there
-bends the phase one way, one that falls the other; so many windows level that out, if those before and behind the sweep are there as
-well: where the steering wheel rests at the beginning or the end, the recording is continued as it is there by half a segment.
+Frequency response of y to the steering wheel x: H = S_xy/S_xx, coherence |S_xy|^2/(S_xx S_yy), from spectra by Welch's
+method [Welch1967] with Hann windows that overlap by three quarters. In a sweep every frequency has its time, and a
+window that rises there bends the phase one way, one that falls the other; so many windows level that out, if those
+before and behind the sweep are there as well: where the steering wheel rests at the beginning or the end, the recording
+is continued as it is there by half a segment.
 """
 
 from __future__ import annotations
@@ -35,13 +38,15 @@ SCATTERS = 4.0  # standard deviations within which the largest of some hundred s
 DAMPED = 0.02  # part of the amplitude that straight lines between samples take, without a note
 NEAR = 0.25  # of the distance of two lines, within which one is at a frequency
 EXCITED = 1e-3  # part of the largest spectral density of the steering that counts as excitation
-AT_REST, RESTS = 0.5, 0.01  # s at an end of a recording, and the part of its range by which a steering wheel at rest may move there
+# s at an end of a recording, and the part of its range by which a steering wheel at rest may move there
+AT_REST, RESTS = 0.5, 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepSteer:
-    """settled, length: time from half the step to the steady values, and over how much of it they are means [s]. rise: longest time
-    from 10 to 90 % of a step [s]. before: time before the step over which the initial values are means [s]."""
+    """settled, length: time from half the step to the steady values, and over how much of it they are means [s]. rise:
+    longest time from 10 to 90 % of a step [s]. before: time before the step over which the initial values are means
+    [s]."""
 
     settled: float = 2.0
     length: float = 1.0
@@ -65,7 +70,10 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
     middle = t[first] + p.rise
     after = s.between(middle + p.settled, middle + p.settled + p.length)
     if not after.any() or t[-1] < middle + p.settled + 0.5 * p.length:
-        raise s.refuse(f'it ends {t[-1] - middle:.3g} s behind the step; {p.settled + p.length:g} s are needed for the steady values')
+        raise s.refuse(
+            f'it ends {t[-1] - middle:.3g} s behind the step; {p.settled + p.length:g} s are needed for the steady '
+            'values'
+        )
     start, end = float(d[before].mean()), float(d[after].mean())
     side = math.copysign(1.0, end - start)
     change = side * (d - start)
@@ -74,11 +82,14 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
         raise s.refuse('the steering wheel is not held behind the step; ISO 7401 wants it held')
     t0 = crossing(t, change, 0.5 * size, after=float(t[first]))
     speed = float(s['speed'][before].mean())
-    rise = crossing(t, change, 0.9 * size, after=float(t[first])) - crossing(t, change, 0.1 * size, after=float(t[first]))
+    rise = crossing(t, change, 0.9 * size, after=float(t[first])) - crossing(
+        t, change, 0.1 * size, after=float(t[first])
+    )
     apart = s.every('steering', *(name for name, _, _ in (*RESPONSES, *FOLLOWING) if name in s))
     if rise < FINE * apart:
         s.notes.append(
-            f'recorded every {apart:.3g} s, and the steering wheel turns within {rise:.2g} s: response times are not known better than to '
+            f'recorded every {apart:.3g} s, and the steering wheel turns within {rise:.2g} s: response times are not '
+            'known better than to '
             f'{0.5 * apart:.2g} s'
         )
     figures = [
@@ -86,7 +97,14 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
         Figure('steering', 'angle of the step at the steering wheel', side * size, 'rad'),
         Figure('steering_rise', 'steering from 10 to 90 %', rise, 's'),
     ]
-    charts = [Chart(title='steering', x=('time', 's'), y=('steering-wheel angle', 'rad'), curves=(Curve('steering wheel', t - t0, d),))]
+    charts = [
+        Chart(
+            title='steering',
+            x=('time', 's'),
+            y=('steering-wheel angle', 'rad'),
+            curves=(Curve('steering wheel', t - t0, d),),
+        )
+    ]
     steady = s.between(t0 + p.settled, t0 + p.settled + p.length)
     peak_of_yaw_rate = math.nan
     for name, text, unit in (*RESPONSES, *(x for x in FOLLOWING if x[0] in s)):
@@ -102,7 +120,8 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
         varies = SCATTERS * _scatter(t[steady], y[steady])
         if value >= NONE and not math.isnan(when) and 0.0 <= largest - value < varies:
             s.notes.append(
-                f'the largest {text} is {largest - value:.2g} {unit} above its steady value, which varies by {varies:.2g} {unit}: it '
+                f'the largest {text} is {largest - value:.2g} {unit} above its steady value, which varies by '
+                f'{varies:.2g} {unit}: it '
                 'has no peak that is told from noise, and peak response time and overshoot mean nothing'
             )
         ninety = crossing(t, response, 0.9 * value, after=t0 - p.rise)
@@ -116,7 +135,9 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
         ]
         if name == 'yaw_rate':
             peak_of_yaw_rate = when - t0
-            figures.append(Figure('yaw_rate_gain', 'yaw rate per steering-wheel angle', (last - initial) / (end - start), '1/s'))
+            figures.append(
+                Figure('yaw_rate_gain', 'yaw rate per steering-wheel angle', (last - initial) / (end - start), '1/s')
+            )
         if name == 'lateral_acceleration':
             figures.append(
                 Figure(
@@ -129,11 +150,17 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
         if name == 'sideslip_angle':
             figures.append(Figure('tb_factor', 'TB factor', abs(last - initial) * peak_of_yaw_rate, 'rad s'))
         levels = [Curve('steady', np.array([0.0, p.settled + p.length]), np.array([last, last]), 'limit')]
-        levels.append(Curve('90 %', np.array([-p.rise, p.settled]), np.full(2, initial + 0.9 * (last - initial)), 'limit'))
+        levels.append(
+            Curve('90 %', np.array([-p.rise, p.settled]), np.full(2, initial + 0.9 * (last - initial)), 'limit')
+        )
         shown = s.between(t0 - 1.0, t0 + p.settled + p.length)
-        charts.append(Chart(title=text, x=('time', 's'), y=(text, unit), curves=(Curve(text, t[shown] - t0, y[shown]), *levels)))
+        charts.append(
+            Chart(title=text, x=('time', 's'), y=(text, unit), curves=(Curve(text, t[shown] - t0, y[shown]), *levels))
+        )
     shown = s.between(t0 - 1.0, t0 + p.settled + p.length)
-    charts[0] = Chart(title='steering', x=('time', 's'), y=charts[0].y, curves=(Curve('steering wheel', t[shown] - t0, d[shown]),))
+    charts[0] = Chart(
+        title='steering', x=('time', 's'), y=charts[0].y, curves=(Curve('steering wheel', t[shown] - t0, d[shown]),)
+    )
     return Result(
         evaluation='iso7401_step',
         title='Step steer',
@@ -171,7 +198,8 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
     lines = int(min(p.high, 0.5 * s.rate) * p.segment + 1e-9) - math.ceil(p.low * p.segment - 1e-9) + 1
     if lines < LEAST_LINES:
         raise s.refuse(
-            f'spectra of segments of {p.segment:g} s at {s.rate:.4g} samples a second have {max(lines, 0)} frequencies from {p.low:g} to '
+            f'spectra of segments of {p.segment:g} s at {s.rate:.4g} samples a second have {max(lines, 0)} frequencies '
+            f'from {p.low:g} to '
             f'{p.high:g} Hz, at least {LEAST_LINES} are needed; give segment=... low=... high=... ({GIVEN})'
         )
     if s.t.size < 2 * n:
@@ -180,7 +208,10 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
             f'give segment=... ({GIVEN})'
         )
     rest = round(AT_REST * s.rate) + 1
-    ends = [n // 2 if np.ptp(part) < RESTS * np.ptp(s['steering']) else 0 for part in (s['steering'][:rest], s['steering'][-rest:])]
+    ends = [
+        n // 2 if np.ptp(part) < RESTS * np.ptp(s['steering']) else 0
+        for part in (s['steering'][:rest], s['steering'][-rest:])
+    ]
     spectra = {'fs': s.rate, 'nperseg': n, 'noverlap': n - n // 4}
     x = np.pad(s['steering'], ends, 'mean', stat_length=rest)
     f, Sxx = signal.welch(x, **spectra)
@@ -189,7 +220,8 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
     excited = band & (Sxx > EXCITED * Sxx.max())
     if excited.sum() < 0.7 * band.sum() or (np.ptp(x) < LEAST_STEP and np.ptp(x) < LEAST_STEP * s.vehicle.turned):
         raise s.refuse(
-            f'the steering wheel does not excite frequencies from {p.low:g} to {p.high:g} Hz; the recording has no random or swept input'
+            f'the steering wheel does not excite frequencies from {p.low:g} to {p.high:g} Hz; the recording has no '
+            'random or swept input'
         )
     figures = [Figure('speed', 'speed, mean', float(s['speed'].mean()), 'm/s')]
     charts = []
@@ -197,8 +229,10 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
         damped = 1.0 - float(np.sinc(p.high * s.spacing.get(name, 0.0))) ** 2
         if damped > DAMPED:
             s.notes.append(
-                f'the {text} is recorded every {s.spacing[name]:.3g} s, the others more often: straight lines between its samples take '
-                f'{100.0 * damped:.2g} % of its amplitude at {p.high:g} Hz; record it more often, or take a lower high=... ({GIVEN})'
+                f'the {text} is recorded every {s.spacing[name]:.3g} s, the others more often: straight lines between '
+                'its samples take '
+                f'{100.0 * damped:.2g} % of its amplitude at {p.high:g} Hz; record it more often, or take a lower '
+                f'high=... ({GIVEN})'
             )
     for name, text, _ in RESPONSES:
         gain_unit = '1/s' if name == 'yaw_rate' else 'm/s^2/rad'
@@ -217,29 +251,48 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
         figures += [
             Figure(f'{name}_static_gain', f'{text} per steering-wheel angle at {lowest:g} Hz', static, gain_unit),
             Figure(f'{name}_peak_frequency', f'{text}, frequency of the largest gain', float(at[top]), 'Hz'),
-            Figure(f'{name}_peak_ratio', f'{text}, largest gain over that at {lowest:g} Hz', float(g[top]) / static, '1'),
+            Figure(
+                f'{name}_peak_ratio', f'{text}, largest gain over that at {lowest:g} Hz', float(g[top]) / static, '1'
+            ),
             Figure(f'{name}_bandwidth', f'{text}, gain 3 dB down', down, 'Hz'),
             Figure(f'{name}_phase_1hz', f'{text}, phase at 1 Hz', one, 'rad'),
             Figure(f'{name}_delay_1hz', f'{text}, equivalent delay at 1 Hz', -one / (2.0 * math.pi), 's'),
             Figure(f'{name}_least_coherence', f'{text}, least coherence', float(coherence[excited].min()), '1'),
         ]
         figures += [
-            Figure(f'{name}_gain_{k:g}hz', f'{text} per steering-wheel angle at {k:g} Hz', float(np.interp(k, at, g)), gain_unit)
+            Figure(
+                f'{name}_gain_{k:g}hz',
+                f'{text} per steering-wheel angle at {k:g} Hz',
+                float(np.interp(k, at, g)),
+                gain_unit,
+            )
             for k in TABLE
             if at[0] - near <= k <= at[-1] + near and abs(k - lowest) > 1e-9
         ]
         if coherence[excited].min() < COHERENT:
             s.notes.append(
-                f'the coherence of the {text} falls below {COHERENT:g}: the figures there are of noise or of a response that is not linear'
+                f'the coherence of the {text} falls below {COHERENT:g}: the figures there are of noise or of a '
+                'response that is not linear'
             )
         hertz = ('frequency', 'Hz')
         charts += [
-            Chart(title=f'{text}, gain', x=hertz, y=(f'{text} per steering-wheel angle', gain_unit), curves=(Curve('gain', at, g),)),
+            Chart(
+                title=f'{text}, gain',
+                x=hertz,
+                y=(f'{text} per steering-wheel angle', gain_unit),
+                curves=(Curve('gain', at, g),),
+            ),
             Chart(title=f'{text}, phase', x=hertz, y=('phase', 'rad'), curves=(Curve('phase', at, phase),)),
-            Chart(title=f'{text}, coherence', x=hertz, y=('coherence', '1'), curves=(Curve('coherence', at, coherence[excited]),)),
+            Chart(
+                title=f'{text}, coherence',
+                x=hertz,
+                y=('coherence', '1'),
+                curves=(Curve('coherence', at, coherence[excited]),),
+            ),
         ]
     return Result(
-        evaluation='iso7401_frequency', title='Frequency response', norm=NORM, figures=tuple(figures), charts=tuple(charts),
+        evaluation='iso7401_frequency', title='Frequency '
+            'response', norm=NORM, figures=tuple(figures), charts=tuple(charts),
         notes=tuple(s.notes), source=s.place,
     )  # fmt: skip
 
@@ -252,7 +305,14 @@ STEP = Evaluation(
     also=('roll', 'sideslip_angle'),
     parameters=StepSteer,
     judge=judge_step,
-    drive=Drive(maneuver='iso7401_step', speed=80.0 / 3.6, duration=6.5, every=5, amplitude='maneuver.steering.value', reaches=4.0),
+    drive=Drive(
+        maneuver='iso7401_step',
+        speed=80.0 / 3.6,
+        duration=6.5,
+        every=5,
+        amplitude='maneuver.steering.value',
+        reaches=4.0,
+    ),
 )
 FREQUENCY = Evaluation(
     name='iso7401_frequency',
@@ -261,5 +321,11 @@ FREQUENCY = Evaluation(
     needs=('steering', 'speed', 'yaw_rate', 'lateral_acceleration'),
     parameters=FrequencyResponse,
     judge=judge_frequencies,
-    drive=Drive(maneuver='iso7401_frequency', speed=80.0 / 3.6, duration=62.0, amplitude='maneuver.steering.amplitude', reaches=2.0),
+    drive=Drive(
+        maneuver='iso7401_frequency',
+        speed=80.0 / 3.6,
+        duration=62.0,
+        amplitude='maneuver.steering.amplitude',
+        reaches=2.0,
+    ),
 )

@@ -11,10 +11,12 @@ from mbd_sim_ros.analysis.look.relations import CORRELATION, TEXTS, Looking
 from solver.units import UNITS
 
 BIG = 8.0  # m/s: what drives faster is no model car
-WHEELBASES = {True: (1.2, 16.0), False: (0.1, 16.0)}  # m, of road vehicles and model cars, with what understeer adds to them at speed
+# m, of road vehicles and model cars, with what understeer adds to them at speed
+WHEELBASES = {True: (1.2, 16.0), False: (0.1, 16.0)}
 RADII = {True: (0.2, 0.65), False: (0.02, 0.65)}  # m, of their wheels
 RATIOS = (8.0, 25.0)  # steering wheel to road wheels
-SHARE_MOST = 30.0  # m: 100 % of the lock of a lorry with 6 m between the axles are 1500 for a curvature of 1/m, or 26 taken as degrees
+# m: 100 % of the lock of a lorry with 6 m between the axles are 1500 for a curvature of 1/m, or 26 taken as degrees
+SHARE_MOST = 30.0
 TRACKS = {True: (0.8, 3.0), False: (0.05, 3.0)}  # m
 
 
@@ -32,11 +34,19 @@ def wheels(found: Looking) -> None:
             continue
         c.why.append(f'it follows {v.name}: {fit.text}')
         speeds = [v.unit] if v.unit else list(found.options(v))
-        fits = {(s, u): k for s in speeds for u in found.options(c) if (k := _wheel(found, abs(fit.factor), s, u, v)) is not None}
+        fits = {
+            (s, u): k
+            for s in speeds
+            for u in found.options(c)
+            if (k := _wheel(found, abs(fit.factor), s, u, v)) is not None
+        }
         if len({u for _, u in fits}) == 1 and v.unit:
             c.unit, c.sign = next(u for _, u in fits), 1 if fit.factor * (v.sign or 1) > 0 else -1
         elif fits:
-            ways = [f'{unit}{how}' + ('' if v.unit else f' if {v.name} is in {speed}') for (speed, unit), how in fits.items()]
+            ways = [
+                f'{unit}{how}' + ('' if v.unit else f' if {v.name} is in {speed}')
+                for (speed, unit), how in fits.items()
+            ]
             c.why.append(f'its unit is not told: {" or ".join(ways)}')
         else:
             c.why.append(f'its factor fits no unit{" that is stated" if c.stated else ""}')
@@ -52,7 +62,9 @@ def wheels(found: Looking) -> None:
         turn = np.where(moving, g.of(r.name), np.nan)
         fit = g.fit(turn, apart)
         if abs(fit.correlation) >= CORRELATION and _track(found, fit, sides[0], v, r):
-            _anchor(found, 1 if fit.factor > 0 else -1, f'in a turn {sides[0].name} and {sides[1].name} differ ({fit.text})')
+            _anchor(
+                found, 1 if fit.factor > 0 else -1, f'in a turn {sides[0].name} and {sides[1].name} differ ({fit.text})'
+            )
 
 
 def _track(found: Looking, fit: Fit, wheel: Column, v: Column | None, r: Column) -> bool:
@@ -86,7 +98,8 @@ def steering(found: Looking) -> None:
         text = TEXTS[c.role.what]
         if v is None or r is None or not (v.unit and r.unit):
             c.why.append(
-                f'{text} by its name; {"the units of yaw rate and speed" if v and r else "yaw rate or speed"} to check it are missing'
+                f'{text} by its name; {"the units of yaw rate and speed" if v and r else "yaw rate or speed"} to check '
+                'it are missing'
             )
             continue
         speed = UNITS[v.unit][1] * (v.sign or 1) * g.of(v.name)
@@ -100,7 +113,8 @@ def steering(found: Looking) -> None:
         found.signs[c.name] = 1 if fit.factor > 0 else -1
         found.signs.setdefault(r.name, 1)
         c.why.append(
-            f'{r.name} over {v.name} follows it: {abs(fit.factor):.3g} for a curvature of 1/m, correlation {abs(fit.correlation):.3f}'
+            f'{r.name} over {v.name} follows it: {abs(fit.factor):.3g} for a curvature of 1/m, correlation '
+            f'{abs(fit.correlation):.3f}'
         )
         fits = _angles(found, c, abs(fit.factor), _big(found, v))
         sure = c.stated or c.role.unit or (c.role.what == 'road_angle' and c.role.corner)
@@ -111,8 +125,13 @@ def steering(found: Looking) -> None:
             if where == 'road wheels' and c.role.what == 'steering':
                 found.chosen.discard(c.name)
         else:
-            left = ' or '.join(f'{u} of the {where} ({size})' for (u, where), size in fits.items()) or 'no angle of a car of any size'
-            c.why.append(f'its unit is not told: {left}' + ('' if c.stated or c.role.unit else ', or a share of the lock'))
+            left = (
+                ' or '.join(f'{u} of the {where} ({size})' for (u, where), size in fits.items())
+                or 'no angle of a car of any size'
+            )
+            c.why.append(
+                f'its unit is not told: {left}' + ('' if c.stated or c.role.unit else ', or a share of the lock')
+            )
 
 
 def _is_no_share(unit: str, where: str, factor: float) -> bool:
@@ -130,7 +149,11 @@ def _angles(found: Looking, c: Column, factor: float, big: bool) -> dict[tuple[s
         base = factor * UNITS[unit][1]
         if not c.role.hand and low <= base <= high and largest * UNITS[unit][1] < 1.5:
             fits[unit, 'road wheels'] = f'wheelbase and understeer {base:.3g} m'
-        if c.role.what == 'steering' and low * RATIOS[0] <= base <= high * RATIOS[1] and largest * UNITS[unit][1] < 20.0:
+        if (
+            c.role.what == 'steering'
+            and low * RATIOS[0] <= base <= high * RATIOS[1]
+            and largest * UNITS[unit][1] < 20.0
+        ):
             fits[unit, 'steering wheel'] = f'wheelbase and understeer times ratio {base:.3g} m'
     return fits
 
@@ -147,7 +170,11 @@ def sides(found: Looking, ours: bool) -> None:
         share = float(np.nanmean(turn[sure])) if sure.any() else 0.0
         if abs(share) > 0.9:
             sign = (1 if share > 0 else -1) * found.signs[road['front_left'].name]
-            _anchor(found, sign, f'the inner wheel is steered more ({road["front_left"].name} and {road["front_right"].name})')
+            _anchor(
+                found,
+                sign,
+                f'the inner wheel is steered more ({road["front_left"].name} and {road["front_right"].name})',
+            )
     az = found.first('az')
     if az is not None:
         mean = float(np.nanmean(g.values[az.name]))
@@ -156,7 +183,11 @@ def sides(found: Looking, ours: bool) -> None:
             az.unit, az.sign = fits[0], 1 if mean > 0 else -1
             az.why.append(f'its mean is {mean:.4g}, the acceleration of gravity in {fits[0]}')
             if not found.side:
-                _anchor(found, az.sign, f'{az.name} says that z is {"up" if mean > 0 else "down"}, and axes are right-handed')
+                _anchor(
+                    found,
+                    az.sign,
+                    f'{az.name} says that z is {"up" if mean > 0 else "down"}, and axes are right-handed',
+                )
         else:
             az.why.append(f'vertical acceleration by its name, but its mean, {mean:.4g}, is not that of gravity')
     if ours and not found.side:

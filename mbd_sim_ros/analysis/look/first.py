@@ -15,7 +15,8 @@ from mbd_sim_ros.bags.reader import Run
 
 @dataclass(frozen=True)
 class Look:
-    """The first look at a recording. mapping: ours -> column. side: how it is known which side is positive ('' where it is assumed)."""
+    """The first look at a recording. mapping: ours -> column. side: how it is known which side is positive ('' where it
+    is assumed)."""
 
     columns: tuple[Column, ...]
     mapping: Mapping[str, Column]
@@ -40,7 +41,9 @@ def look(run: Run) -> Look:
     car.sides(found, bool(run.metadata.get('resolved_scene')))
     mapping: dict[str, Column] = {}
     for c in candidates:
-        ours = CHANNELS.get(c.role.what, f'joint_states/wheel_{c.role.corner}/velocity' if c.role.what == 'wheel' else '')
+        ours = CHANNELS.get(
+            c.role.what, f'joint_states/wheel_{c.role.corner}/velocity' if c.role.what == 'wheel' else ''
+        )
         if c.role.what == 'wheel' and c.unit not in ('rad/s', 'rpm'):
             ours = ''
         if c.told and ours and c.name in found.chosen:

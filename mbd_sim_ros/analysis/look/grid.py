@@ -94,7 +94,11 @@ class Grid:
         if not samples:
             return
         begin, end = min(t[0] for t, _ in samples.values()), max(t[-1] for t, _ in samples.values())
-        self.dt = max(float(np.median([np.median(np.diff(t)) for t, _ in samples.values()])) * 1e-9, (end - begin) * 1e-9 / MOST, 1e-3)
+        self.dt = max(
+            float(np.median([np.median(np.diff(t)) for t, _ in samples.values()])) * 1e-9,
+            (end - begin) * 1e-9 / MOST,
+            1e-3,
+        )
         grid = np.arange(begin, end + 1.0, self.dt * 1e9)
         for c in columns:
             if c.name not in samples:

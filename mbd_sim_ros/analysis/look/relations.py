@@ -1,13 +1,16 @@
 """Roles of columns by their dependence on each other: the relations of the first look, and the units and signs that fit
 all of them.
 
-Names only propose (roles.py). A unit is told where the data confirm it: quantities of a car depend on each other, and every relation
+Names only propose (roles.py). A unit is told where the data confirm it: quantities of a car depend on each other, and
+every relation
 
-    ay = v r (steady cornering)          ax = dv/dt          r = d(yaw)/dt          v = |d(x, y)/dt|          beta = atan(vy / v)
+    ay = v r (steady cornering)          ax = dv/dt          r = d(yaw)/dt          v = |d(x, y)/dt|          beta =
+                                         atan(vy / v)
 
-has a factor that is 1 in SI units. The factor that is found allows some combinations of units only; a column is told its unit where all
-combinations that fit every relation agree in it. Signs follow from the signs of the factors. To which side the lateral ones are positive
-no relation among them tells, for all of them may be turned; wheel speeds left and right do, and the wheel that is steered more (car.py).
+has a factor that is 1 in SI units. The factor that is found allows some combinations of units only; a column is told
+its unit where all combinations that fit every relation agree in it. Signs follow from the signs of the factors. To
+which side the lateral ones are positive no relation among them tells, for all of them may be turned; wheel speeds left
+and right do, and the wheel that is steered more (car.py).
 """
 
 from __future__ import annotations
@@ -22,14 +25,17 @@ import numpy as np
 from mbd_sim_ros.analysis.look.grid import LEAST, MOVING, SAMPLES, Column, Fit, Grid
 from solver.units import UNITS
 
-CHANNELS = {'yaw_rate': 'imu/wz', 'speed': 'odom/twist/vx', 'vy': 'odom/twist/vy', 'ax': 'imu/ax', 'ay': 'imu/ay', 'az': 'imu/az',
+CHANNELS = {'yaw_rate': 'imu/wz', 'speed': 'odom/twist/vx', 'vy': 'odom/twist/vy', 'ax': 'imu/ax', 'ay': 'imu/ay',
+'az': 'imu/az',
             'steering': 'cmd_applied/steering', 'x': 'odom/pose/x', 'y': 'odom/pose/y'}  # fmt: skip
 SPEEDS, RATES, ACCELERATIONS, ANGLES = ('m/s', 'km/h', 'mph', 'kn'), ('rad/s', 'deg/s'), ('m/s^2', 'g'), ('rad', 'deg')
 LENGTHS = ('m', 'mm', 'cm', 'ft', 'km')
-OPTIONS = {'speed': SPEEDS, 'vy': SPEEDS, 'yaw_rate': RATES, 'ax': ACCELERATIONS, 'ay': ACCELERATIONS, 'az': ACCELERATIONS,
+OPTIONS = {'speed': SPEEDS, 'vy': SPEEDS, 'yaw_rate': RATES, 'ax': ACCELERATIONS, 'ay': ACCELERATIONS,
+'az': ACCELERATIONS,
            'yaw': ANGLES, 'sideslip': ANGLES, 'steering': ANGLES, 'road_angle': ANGLES, 'x': LENGTHS, 'y': LENGTHS,
            'wheel': (*SPEEDS, 'rad/s', 'rpm')}  # fmt: skip
-TEXTS = {'speed': 'speed along the car', 'vy': 'speed to the side', 'yaw_rate': 'yaw rate', 'ax': 'longitudinal acceleration',
+TEXTS = {'speed': 'speed along the car', 'vy': 'speed to the '
+    'side', 'yaw_rate': 'yaw rate', 'ax': 'longitudinal acceleration',
          'ay': 'lateral acceleration', 'az': 'vertical acceleration', 'yaw': 'yaw angle', 'sideslip': 'sideslip angle',
          'steering': 'steering', 'road_angle': 'steering angle of a road wheel', 'x': 'place', 'y': 'place',
          'wheel': 'wheel speed'}  # fmt: skip
@@ -63,7 +69,10 @@ class Looking:
         self.path: np.ndarray | None = None
         for c in candidates:
             if c.name not in grid:
-                c.why.append(f'{TEXTS[c.role.what]} by its name, but it holds fewer than {SAMPLES} numbers, or its times meet no others')
+                c.why.append(
+                    f'{TEXTS[c.role.what]} by its name, but it holds fewer than {SAMPLES} numbers, or its times meet '
+                    'no others'
+                )
             elif not grid.changes(c.name):
                 c.why.append(f'{TEXTS[c.role.what]} by its name, but it never changes')
             else:
@@ -76,7 +85,8 @@ class Looking:
         return next((c for c in self.by_role.get(what, []) if c.name in self.chosen), None)
 
     def options(self, c: Column) -> tuple[str, ...]:
-        """Units that a column may have: the one stated in the header, else the one in its name, else all of its role."""
+        """Units that a column may have: the one stated in the header, else the one in its name, else all of its
+        role."""
         known = c.stated or c.role.unit
         if known:
             return (known,) if known in UNITS and UNITS[known][0] in {UNITS[u][0] for u in OPTIONS[c.role.what]} else ()
@@ -91,7 +101,9 @@ class Looking:
         by_name = {c.name: c for group in self.by_role.values() for c in group}
         options = {name: self.options(by_name[name]) for name in names}
         for name in [name for name in names if not options[name]]:
-            by_name[name].why.append(f'its header says {by_name[name].stated!r}, which is no unit of a {TEXTS[by_name[name].role.what]}')
+            by_name[name].why.append(
+                f'its header says {by_name[name].stated!r}, which is no unit of a {TEXTS[by_name[name].role.what]}'
+            )
         good = []
         for r in relations:
             if abs(r.fit.correlation) >= CORRELATION and all(options[name] for name in r.powers):
@@ -102,7 +114,9 @@ class Looking:
         fits = {'': _fitting(good, options)}
         if not fits['']:  # one of the columns is not what it is called, or what its header says; which one, may be open
             found = sorted({name for r in good for name in r.powers})
-            fits = {name: one for name in found if (one := _fitting([r for r in good if name not in r.powers], options))}
+            fits = {
+                name: one for name in found if (one := _fitting([r for r in good if name not in r.powers], options))
+            }
         accepted = [r for r in good if '' in fits or not any(name in fits for name in r.powers)]
         for r in good:
             for name in r.powers:
@@ -144,7 +158,11 @@ class Looking:
             ways.append((x.name, self.path, np.hypot(g.rate(g.of(x.name, SLOW)), g.rate(g.of(y.name, SLOW)))))
             if v:
                 found.append(
-                    Relation(f'{v.name} = |d({x.name}, {y.name})/dt|', g.ratio(self.path, np.abs(g.of(v.name))), {x.name: 1, v.name: -1})
+                    Relation(
+                        f'{v.name} = |d({x.name}, {y.name})/dt|',
+                        g.ratio(self.path, np.abs(g.of(v.name))),
+                        {x.name: 1, v.name: -1},
+                    )
                 )
         for name, speed, slow in ways:
             if r and ay:
@@ -163,12 +181,20 @@ class Looking:
                     along = np.where(turn < TURNING * np.nanmax(turn), along, np.nan)
                 found.append(Relation(text, g.fit(along, g.of(ax.name, SLOW)), {name: 1, ax.name: -1}))
         if yaw and r:
-            found.append(Relation(f'{r.name} = d({yaw.name})/dt', g.fit(g.rate(g.of(yaw.name)), g.of(r.name)), {yaw.name: 1, r.name: -1}))
+            found.append(
+                Relation(
+                    f'{r.name} = d({yaw.name})/dt',
+                    g.fit(g.rate(g.of(yaw.name)), g.of(r.name)),
+                    {yaw.name: 1, r.name: -1},
+                )
+            )
         if yaw and x and y and self.path is not None:
             self._course(yaw, x, y)
         if beta and v and vy:
             slip = np.arctan2(g.of(vy.name), g.of(v.name))
-            found.append(Relation(f'{beta.name} = atan({vy.name} / {v.name})', g.fit(slip, g.of(beta.name)), {beta.name: -1}))
+            found.append(
+                Relation(f'{beta.name} = atan({vy.name} / {v.name})', g.fit(slip, g.of(beta.name)), {beta.name: -1})
+            )
         for what, group in self.by_role.items():
             one = self.first(what)
             if what in ('wheel', 'road_angle', 'x', 'y', 'az', 'steering') or one is None:
@@ -177,7 +203,9 @@ class Looking:
                 if c is not one:
                     self.chosen.discard(c.name)
                     way = g.ratio if what == 'speed' else g.fit
-                    found.append(Relation(f'{c.name} = {one.name}', way(g.of(one.name), g.of(c.name)), {one.name: 1, c.name: -1}))
+                    found.append(
+                        Relation(f'{c.name} = {one.name}', way(g.of(one.name), g.of(c.name)), {one.name: 1, c.name: -1})
+                    )
         return found
 
     def _course(self, yaw: Column, x: Column, y: Column) -> None:
@@ -210,7 +238,9 @@ class Looking:
                 c.unit, c.sign = unit, 1
                 if not c.why:
                     c.why.append(f'as {self.first("x").name}')  # type: ignore[union-attr]
-        for rel in sorted(accepted, key=lambda rel: len({by_name[name].role.what for name in rel.powers}) == 1 < len(rel.powers)):
+        for rel in sorted(
+            accepted, key=lambda rel: len({by_name[name].role.what for name in rel.powers}) == 1 < len(rel.powers)
+        ):
             sign = 1 if rel.fit.correlation > 0.0 else -1
             names = list(rel.powers)
             whats = {by_name[name].role.what for name in names}
@@ -249,14 +279,17 @@ class Looking:
         if 1.0 - both[sign] ** 2 < 0.7 * (1.0 - alone**2):
             vy.unit, self.signs[vy.name] = v.unit, sign
             vy.why.append(
-                f'with its derivative {ay.name} is explained better: correlation {both[sign]:.4f} instead of {alone:.4f}; its '
+                f'with its derivative {ay.name} is explained better: correlation {both[sign]:.4f} instead of '
+                f'{alone:.4f}; its '
                 f'unit is taken as that of {v.name}'
             )
             if beta is not None and beta.unit:
                 slip = g.fit(np.arctan2(g.of(vy.name), g.of(v.name)), g.of(beta.name))
                 self.signs[beta.name] = sign * (1 if slip.correlation > 0 else -1)
         else:
-            vy.why.append(f'speed to the side by its name; what it adds to {ay.name} is too little to tell unit and sign')
+            vy.why.append(
+                f'speed to the side by its name; what it adds to {ay.name} is too little to tell unit and sign'
+            )
 
 
 def _fitting(relations: Sequence[Relation], options: Mapping[str, Sequence[str]]) -> list[dict[str, str]]:

@@ -28,7 +28,13 @@ def as_data(found: Look, run: Run) -> dict[str, Any]:
         'mapping': {'channels': {ours: _source(c) for ours, c in found.mapping.items()}},
         'side': found.side or None,
         'columns': {
-            c.name: {'quantity': c.role.what or None, 'unit': c.unit, 'sign': c.sign, 'told': c.told, 'evidence': _why(c)}
+            c.name: {
+                'quantity': c.role.what or None,
+                'unit': c.unit,
+                'sign': c.sign,
+                'told': c.told,
+                'evidence': _why(c),
+            }
             for c in found.columns
         },
         'unknown': [c.name for c in found.columns if not c.told],
@@ -41,7 +47,9 @@ def as_data(found: Look, run: Run) -> dict[str, Any]:
 def as_yaml(found: Look, run: Run, place: str) -> str:
     """A look as the text of a mapping file. Comments say of every column why it is in the mapping, or why it is not."""
     seconds = run.time_ns[-1] * 1e-9 - run.time_ns[0] * 1e-9
-    lines = _comment(f'First look at {place}: {run.time_ns.size} instants in {seconds:.4g} s. A proposal: confirm every line of it.')
+    lines = _comment(
+        f'First look at {place}: {run.time_ns.size} instants in {seconds:.4g} s. A proposal: confirm every line of it.'
+    )
     for text in (*suspicion(run), *found.notes):
         lines += _comment(text)
     side = (
@@ -65,7 +73,9 @@ def as_yaml(found: Look, run: Run, place: str) -> str:
         if group:
             lines += ['', f'# {title}']
             for c in group:
-                known = ', '.join([TEXTS[c.role.what], *([c.unit] if c.unit else []), *(['turned'] if c.sign == -1 else [])])
+                known = ', '.join(
+                    [TEXTS[c.role.what], *([c.unit] if c.unit else []), *(['turned'] if c.sign == -1 else [])]
+                )
                 lines += _comment(f'{c.name} ({known}): {"; ".join(_why(c))}', '  ')
     unnamed = [c.name for c in found.columns if not c.role.what]
     if unnamed:
@@ -86,7 +96,11 @@ def _why(c: Column) -> list[str]:
     """Sentences on why a column is identified, or is not."""
     if not c.role.what:
         return ['its name is not that of a quantity that is looked for']
-    return [*c.why, *(() if c.told else c.against), *([f'its header says {c.stated}'] if c.stated and not c.unit else [])]
+    return [
+        *c.why,
+        *(() if c.told else c.against),
+        *([f'its header says {c.stated}'] if c.stated and not c.unit else []),
+    ]
 
 
 def _quoted(value: Any) -> str:
@@ -104,5 +118,9 @@ def _comment(text: str, indent: str = '') -> list[str]:
     import textwrap
 
     return textwrap.wrap(
-        ' '.join(text.split()), WIDTH, initial_indent=f'# {indent}', subsequent_indent=f'# {indent}  ', break_on_hyphens=False
+        ' '.join(text.split()),
+        WIDTH,
+        initial_indent=f'# {indent}',
+        subsequent_indent=f'# {indent}  ',
+        break_on_hyphens=False,
     )

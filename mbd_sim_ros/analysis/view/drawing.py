@@ -1,9 +1,9 @@
 """Drawing of a model: lines fixed on its bodies, lines between bodies, wheels. Only specifications enter; nothing is in
 motion here.
 
-A body is a star from the middle of the places where others hold it to each of them: a slider is a point, a rod a line, an arm three lines.
-The body that all wheels hang on is drawn as the outline of a car instead, as long and wide as its axles say, and a trailer behind it as the
-box with its inertia and a drawbar.
+A body is a star from the middle of the places where others hold it to each of them: a slider is a point, a rod a line,
+an arm three lines. The body that all wheels hang on is drawn as the outline of a car instead, as long and wide as its
+axles say, and a trailer behind it as the box with its inertia and a drawbar.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ from solver.vehicle.trailer import HITCH, TRAILER, has_trailer
 
 WORLD_BODY = -1  # in place of the number of a body
 APART = 1e-6  # m: places that are nearer to each other are one
-# The side of a saloon: x from the rear axle in wheelbases, z from the wheel centre in wheel radii, half width in half tracks.
+# The side of a saloon: x from the rear axle in wheelbases, z from the wheel centre in wheel radii, half width in half
+# tracks.
 SIDE = (
-    (-0.30, -0.35, 0.98), (-0.34, 0.9, 1.0), (-0.32, 1.75, 0.95), (-0.10, 2.0, 0.9), (0.16, 3.2, 0.72), (0.52, 3.35, 0.72),
+    (-0.30, -0.35, 0.98), (-0.34, 0.9, 1.0), (-0.32, 1.75, 0.95), (-0.10, 2.0, 0.9), (0.16, 3.2, 0.72),
+    (0.52, 3.35, 0.72),
     (0.86, 2.05, 0.9), (1.24, 1.6, 0.95), (1.31, 0.8, 0.95), (1.29, -0.35, 0.95),
 )  # fmt: skip
 
@@ -76,8 +78,13 @@ def drawing_of(spec: ModelSpec) -> Drawing:
         radius = tire.data['UNLOADED_RADIUS']
         axis = matrix(tire.marker.orientation)[:, 1]
         width = tire.data['WIDTH'] or 0.65 * radius
-        wheels.append(DrawnWheel(tire.name, number[tire.marker.body], _point(tire.marker.position), _point(axis), radius, width))
-    springs = tuple(Between(number[s.i.body], _point(s.i.position), number[s.j.body], _point(s.j.position)) for s in spec.spring_dampers)
+        wheels.append(
+            DrawnWheel(tire.name, number[tire.marker.body], _point(tire.marker.position), _point(axis), radius, width)
+        )
+    springs = tuple(
+        Between(number[s.i.body], _point(s.i.position), number[s.j.body], _point(s.j.position))
+        for s in spec.spring_dampers
+    )
     outlined = number[spec.chassis] if len(wheels) >= 3 and spec.chassis is not None else None
     pulled = number[TRAILER] if has_trailer(spec) else None
     turning = {wheel.body for wheel in wheels}
@@ -89,7 +96,9 @@ def drawing_of(spec: ModelSpec) -> Drawing:
         if body == WORLD_BODY or body in turning:
             continue
         if body == outlined:
-            lines += _outline(spec, body, [wheel for wheel in wheels if pulled is None or not wheel.name.startswith(TRAILER)])
+            lines += _outline(
+                spec, body, [wheel for wheel in wheels if pulled is None or not wheel.name.startswith(TRAILER)]
+            )
             continue
         if body == pulled:
             lines += _box(spec, body)
@@ -100,7 +109,9 @@ def drawing_of(spec: ModelSpec) -> Drawing:
         elif len(own) > 2:
             middle = _point(np.mean(own, axis=0))
             lines += [Line(body, middle, _point(place), 'body') for place in own]
-    return Drawing(bodies=tuple(body.name for body in spec.bodies), lines=tuple(lines), springs=springs, wheels=tuple(wheels))
+    return Drawing(
+        bodies=tuple(body.name for body in spec.bodies), lines=tuple(lines), springs=springs, wheels=tuple(wheels)
+    )
 
 
 def _markers(spec: ModelSpec) -> Iterator[Marker]:
@@ -150,11 +161,14 @@ def _outline(spec: ModelSpec, chassis: int, wheels: list[DrawnWheel]) -> list[Li
 
 
 def _box(spec: ModelSpec, body: int) -> list[Line]:
-    """The box with the mass and the moments of inertia of a trailer, and its drawbar: from the lower edge in front to the coupling."""
+    """The box with the mass and the moments of inertia of a trailer, and its drawbar: from the lower edge in front to
+    the coupling."""
     own = spec.bodies[body]
     around = np.array(own.inertia[:3])
     half = np.sqrt(np.maximum(1.5 * (around.sum() - 2.0 * around) / own.mass, 0.0))
-    corners = [[_point(own.com + half * (x, y, z)) for y, z in ((1, -1), (1, 1), (-1, 1), (-1, -1))] for x in (1.0, -1.0)]
+    corners = [
+        [_point(own.com + half * (x, y, z)) for y, z in ((1, -1), (1, 1), (-1, 1), (-1, -1))] for x in (1.0, -1.0)
+    ]
     lines = [Line(body, face[k], face[(k + 1) % 4], 'outline') for face in corners for k in range(4)]
     lines += [Line(body, front, rear, 'outline') for front, rear in zip(*corners, strict=True)]
     ball = next(_point(joint.j.position) for joint in spec.joints if joint.name == HITCH)

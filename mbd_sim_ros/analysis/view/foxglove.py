@@ -1,6 +1,7 @@
 """A layout for Foxglove: the bodies of a recording in three dimensions, and its curves, to be opened beside the bag.
 
-The fields are those of layouts that Foxglove exports; its message paths name a value in a topic, `/imu.angular_velocity.z`.
+The fields are those of layouts that Foxglove exports; its message paths name a value in a topic,
+`/imu.angular_velocity.z`.
 """
 
 from __future__ import annotations
@@ -44,19 +45,24 @@ def write_layout(motion: RecordedMotion, bag: Path, file: Path, channels: tuple[
     moving = 'base_link' if motion.follows != WORLD_BODY else 'odom'
     layout: dict[str, Any] | str = ''
     for k, plot in enumerate(reversed(plots)):
-        layout = {'first': plot, 'second': layout, 'direction': 'column', 'splitPercentage': 100.0 / (k + 1)} if k else plot
+        layout = (
+            {'first': plot, 'second': layout, 'direction': 'column', 'splitPercentage': 100.0 / (k + 1)} if k else plot
+        )
     data = {
         'configById': {'3D!motion': _scene(moving, namespace), **plots},
         'globalVariables': {},
         'userNodes': {},
         'playbackConfig': {'speed': 1},
-        'layout': {'first': '3D!motion', 'second': layout, 'direction': 'row', 'splitPercentage': 60} if plots else '3D!motion',
+        'layout': {'first': '3D!motion', 'second': layout, 'direction': 'row', 'splitPercentage': 60}
+        if plots
+        else '3D!motion',
     }
     write_text(file, json.dumps(data, indent=1))
 
 
 def message_paths(bag: Path, channels: list[str], namespace: str = '/') -> dict[str, str]:
-    """Channel -> where its value is in the messages of its topic. namespace: of the topics that have one; channels are without."""
+    """Channel -> where its value is in the messages of its topic. namespace: of the topics that have one; channels are
+    without."""
     result = {}
     before = namespace.rstrip('/')
     with find_file(bag).open('rb') as stream:
@@ -74,7 +80,9 @@ def message_paths(bag: Path, channels: list[str], namespace: str = '/') -> dict[
                 owner, part = (rest, 'position') if rest in names else rest.rpartition('/')[::2]
                 result[name] = f'{topic}.{part}[{names.index(owner)}]'
             else:
-                result[name] = f'{topic}.{FIELDS[schema.name][rest] if schema.name in FIELDS else rest.replace("/", ".")}'
+                result[name] = (
+                    f'{topic}.{FIELDS[schema.name][rest] if schema.name in FIELDS else rest.replace("/", ".")}'
+                )
     return result
 
 
@@ -91,7 +99,14 @@ def _plot(name: str, path: str) -> dict[str, Any]:
 
 
 def _scene(follow: str, namespace: str) -> dict[str, Any]:
-    camera = {'perspective': True, 'distance': 7.0, 'phi': 70.0, 'thetaOffset': 60.0, 'targetOffset': [0.0, 0.0, 0.0], 'fovy': 45.0}
+    camera = {
+        'perspective': True,
+        'distance': 7.0,
+        'phi': 70.0,
+        'thetaOffset': 60.0,
+        'targetOffset': [0.0, 0.0, 0.0],
+        'fovy': 45.0,
+    }
     layers = {
         'bodies': {
             'layerId': 'foxglove.Urdf',
@@ -102,4 +117,11 @@ def _scene(follow: str, namespace: str) -> dict[str, Any]:
         },
         'ground': {'layerId': 'foxglove.Grid', 'instanceId': 'ground', 'size': 200, 'divisions': 200, 'visible': True},
     }
-    return {'followTf': follow, 'followMode': 'follow-position', 'cameraState': camera, 'layers': layers, 'topics': {}, 'transforms': {}}
+    return {
+        'followTf': follow,
+        'followMode': 'follow-position',
+        'cameraState': camera,
+        'layers': layers,
+        'topics': {},
+        'transforms': {},
+    }

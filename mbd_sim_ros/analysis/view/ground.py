@@ -16,7 +16,8 @@ BESIDE = 2  # nodes beyond the border to which a cubic spline feels what is insi
 
 
 class Ground:
-    """Heights of a road. flat: whether it is its base plane everywhere. plane: (z at the origin, slope along x, slope along y) of that."""
+    """Heights of a road. flat: whether it is its base plane everywhere. plane: (z at the origin, slope along x, slope
+    along y) of that."""
 
     def __init__(self, spec: RoadSpec) -> None:
         p, n = spec.point, spec.normal
@@ -29,7 +30,8 @@ class Ground:
         self._curved = Ref(compile_road(RoadSpec(grids=tuple(curved)))) if curved else None
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Heights [m] at places x, y [m] in the world: those of the solver (road_at), as wheels that touch them at a point feel them."""
+        """Heights [m] at places x, y [m] in the world: those of the solver (road_at), as wheels that touch them at a
+        point feel them."""
         z = self.plane[0] + self.plane[1] * np.asarray(x, float) + self.plane[2] * np.asarray(y, float)
         for grid, coefficients in self._splines:
             z = z + _height(grid, coefficients, x, y)
@@ -41,7 +43,8 @@ class Ground:
         return z
 
     def around(self, x: float, y: float, reach: int) -> np.ndarray:
-        """(2, 2 reach + 1, 2 reach + 1, 3) points of the lines along x, and of those along y, at whole metres around a place [m]."""
+        """(2, 2 reach + 1, 2 reach + 1, 3) points of the lines along x, and of those along y, at whole metres around a
+        place [m]."""
         i, j = round(x) + np.arange(-reach, reach + 1), round(y) + np.arange(-reach, reach + 1)
         X, Y = np.meshgrid(i.astype(float), j.astype(float), indexing='ij')
         points = np.stack([X, Y, self.at(X, Y)], axis=-1)
@@ -51,7 +54,9 @@ class Ground:
         """(n, 3) all points at whole metres that are so near to a way through places x, y [m]."""
         way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
         every = np.linspace(0.0, way[-1], math.ceil(way[-1]) + 1)  # instants may lie further apart
-        cells = np.unique(np.round(np.column_stack([np.interp(every, way, x), np.interp(every, way, y)])).astype(int), axis=0)
+        cells = np.unique(
+            np.round(np.column_stack([np.interp(every, way, x), np.interp(every, way, y)])).astype(int), axis=0
+        )
         near = np.array([(i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1)])
         nodes = np.unique(np.concatenate([cells + one for one in near]), axis=0).astype(float)
         return np.column_stack([nodes, self.at(*nodes.T)])

@@ -27,9 +27,10 @@ MOST_CURVES = 6  # of a mechanism, where nobody says which
 class RecordedMotion:
     """One recording in motion.
 
-    follows: the body in the middle of the picture, or WORLD_BODY. time: (n,) instants [s]. pose: (n, nb, 7) of the bodies of the drawing in
-    the world: positions [m], quaternions xyzw. contact: (n, nw, 3) where the tires touch the road [m]; force: (n, nw, 3) on the wheels
-    there, in the axes of the world [N]; both are NaN where there is none. run: the columns that are shown beside. ground: the road.
+    follows: the body in the middle of the picture, or WORLD_BODY. time: (n,) instants [s]. pose: (n, nb, 7) of the
+    bodies of the drawing in the world: positions [m], quaternions xyzw. contact: (n, nw, 3) where the tires touch the
+    road [m]; force: (n, nw, 3) on the wheels there, in the axes of the world [N]; both are NaN where there is none.
+    run: the columns that are shown beside. ground: the road.
     """
 
     name: str
@@ -58,8 +59,8 @@ def rotated(q: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def read_motion(path: Path, channels: tuple[str, ...] = (), scene: str | None = None) -> RecordedMotion:
-    """A recording of ours, or of the topics of the node, in motion. channels: patterns of those that are drawn as curves. scene: name or
-    file of that which is drawn where the recording does not say it.
+    """A recording of ours, or of the topics of the node, in motion. channels: patterns of those that are drawn as
+    curves. scene: name or file of that which is drawn where the recording does not say it.
 
     Raises BagError if nobody says the scene, or the recording does not place its bodies.
     """
@@ -75,7 +76,10 @@ def read_motion(path: Path, channels: tuple[str, ...] = (), scene: str | None = 
     elif scene is not None:
         shown = load_published(scene)
     else:
-        raise BagError(f'{path} names no scene, so there is nothing to draw: record the topic ~/scene too, or name the scene with --scene')
+        raise BagError(
+            f'{path} names no scene, so there is nothing to draw: record the topic ~/scene too, or name the scene with '
+            '--scene'
+        )
     spec = derive(shown).scene.model
     drawing = drawing_of(spec)
     prefix = _prefix(poses)
@@ -84,7 +88,8 @@ def read_motion(path: Path, channels: tuple[str, ...] = (), scene: str | None = 
     if missing:
         other = '' if text else f', or {scene} is not its scene'
         raise BagError(
-            f'{path}: /tf does not place {missing[0]!r} ({len(missing)} bodies missing); record with record.poses above 0{other}'
+            f'{path}: /tf does not place {missing[0]!r} ({len(missing)} bodies missing); record with record.poses '
+            f'above 0{other}'
         )
     order = [poses.frames.index(frame) for frame in frames]
     contact, force = _contacts(poses, drawing, prefix, run)
@@ -110,13 +115,17 @@ def _contacts(poses: Poses, drawing: Drawing, prefix: str, run: reader.Run) -> t
     """Places of contact and forces there, in the world, at the instants of the poses."""
     n = len(poses.time_ns)
     contact, force = np.full((n, len(drawing.wheels), 3), np.nan), np.full((n, len(drawing.wheels), 3), np.nan)
-    topics = {name.rsplit('/tire/', 1)[-1] if '/tire/' in name else name.removeprefix('tire/'): name for name in run.series}
+    topics = {
+        name.rsplit('/tire/', 1)[-1] if '/tire/' in name else name.removeprefix('tire/'): name for name in run.series
+    }
     for w, wheel in enumerate(drawing.wheels):
         frame, topic = f'{prefix}{wheel.name}_contact', topics.get(f'{wheel.name}/force')
         if frame not in poses.frames or topic is None:
             continue
         one, at = run.series[topic], poses.pose[:, poses.frames.index(frame)]
-        values = np.column_stack([np.interp(poses.time_ns, one.time_ns, one.columns[f'{topic}/{axis}']) for axis in ('fx', 'fy', 'fz')])
+        values = np.column_stack(
+            [np.interp(poses.time_ns, one.time_ns, one.columns[f'{topic}/{axis}']) for axis in ('fx', 'fy', 'fz')]
+        )
         contact[:, w], force[:, w] = at[:, :3], rotated(at[:, 3:], values)
     return contact, force
 

@@ -1,4 +1,5 @@
-"""A recording in motion as one web page that needs nothing else: bodies to turn around, a slider of time, curves beside."""
+"""A recording in motion as one web page that needs nothing else: bodies to turn around, a slider of time, curves
+beside."""
 
 from __future__ import annotations
 
@@ -34,21 +35,27 @@ def write_page(motions: list[RecordedMotion], file: Path, channels: tuple[str, .
 
 
 def _ground(motion: RecordedMotion, origin: np.ndarray) -> dict[str, Any] | None:
-    """The road under what drives: its base plane, in the world, and the points at whole metres along the way, from `origin`, where it is
-    not that plane."""
+    """The road under what drives: its base plane, in the world, and the points at whole metres along the way, from
+    `origin`, where it is not that plane."""
     if motion.follows == WORLD_BODY:
         return None
     x, y = motion.pose[:, motion.follows, :2].T
     nodes = np.zeros((0, 3)) if motion.ground.flat else motion.ground.along(x, y, METRES + 2)
     height = nodes[:, 2] - origin[2]
-    return {'plane': [float(part) for part in motion.ground.plane], 'x': floats(nodes[:, 0]), 'y': floats(nodes[:, 1]), 'z': floats(height)}
+    return {
+        'plane': [float(part) for part in motion.ground.plane],
+        'x': floats(nodes[:, 0]),
+        'y': floats(nodes[:, 1]),
+        'z': floats(height),
+    }
 
 
 def size_of(motion: RecordedMotion) -> float:
     """Half the height of what the camera sees [m]: the vehicle, or all the places where a mechanism comes."""
     if motion.follows != WORLD_BODY:
         at = motion.pose[0, [wheel.body for wheel in motion.drawing.wheels], :3]
-        behind = np.linalg.norm(at - motion.pose[0, motion.follows, :3], axis=1).max()  # the car is in the middle, a trailer is not
+        # the car is in the middle, a trailer is not
+        behind = np.linalg.norm(at - motion.pose[0, motion.follows, :3], axis=1).max()
         return float(max(0.9 * np.ptp(at, axis=0).max(), 1.2 * behind))
     reach = [np.abs(motion.pose[:, :, :3]).max(initial=SMALLEST)]
     ends = [(line.body, end) for line in motion.drawing.lines for end in (line.a, line.b)]

@@ -20,7 +20,14 @@ from mbd_sim_ros.analysis.view.page import size_of
 from solver.disk import atomic_write
 from solver.errors import BagError
 
-COLOURS = {'outline': '#8a8a8a', 'body': '#0072b2', 'wheel': '#222222', 'spring': '#e69f00', 'force': '#d55e00', 'world': '#bbbbbb'}
+COLOURS = {
+    'outline': '#8a8a8a',
+    'body': '#0072b2',
+    'wheel': '#222222',
+    'spring': '#e69f00',
+    'force': '#d55e00',
+    'world': '#bbbbbb',
+}
 GHOST = '#cc79a7'
 WIDTHS = {'outline': 0.9, 'body': 2.0, 'wheel': 1.4, 'spring': 2.6, 'force': 2.2, 'world': 2.0}
 NEWTONS_PER_METRE = 6000.0  # an arrow of 1 m
@@ -81,7 +88,8 @@ class Camera(NamedTuple):
 
 
 def camera_of(motion: RecordedMotion, k: int) -> Camera:
-    """From behind and above for what drives; a mechanism that stays in a level plane from above, any other from the front."""
+    """From behind and above for what drives; a mechanism that stays in a level plane from above, any other from the
+    front."""
     if motion.follows != WORLD_BODY:
         return Camera(-2.2, 0.35, motion.pose[k, motion.follows, :3] + [0.0, 0.0, 0.5])
     level = np.ptp(motion.pose[..., 2]) < 1e-3 * size_of(motion)
@@ -145,7 +153,9 @@ class Painter:
         if first.follows != WORLD_BODY:
             lines = first.ground.around(float(camera.target[0]), float(camera.target[1]), METRES)
             axes.add_collection(
-                LineCollection([camera.see(line) for line in lines.reshape(-1, *lines.shape[2:])], colors='#dddddd', linewidths=0.6)
+                LineCollection(
+                    [camera.see(line) for line in lines.reshape(-1, *lines.shape[2:])], colors='#dddddd', linewidths=0.6
+                )
             )
         for r, motion in reversed(list(enumerate(self.motions))):
             for kind, points in strokes(motion, nearest[r]):
@@ -160,12 +170,27 @@ class Painter:
                     )
                 else:
                     dot: dict[str, Any] = {'marker': 'o', 'markersize': 3.5} if kind in ('body', 'world') else {}
-                    axes.plot(*flat.T, color=colour, linewidth=WIDTHS[kind], alpha=0.45 if r else 1.0, solid_capstyle='round', **dot)
+                    axes.plot(
+                        *flat.T,
+                        color=colour,
+                        linewidth=WIDTHS[kind],
+                        alpha=0.45 if r else 1.0,
+                        solid_capstyle='round',
+                        **dot,
+                    )
         axes.set_xlim(-1.25 * self._size, 1.25 * self._size)
         axes.set_ylim(-self._size, self._size)
         names = self.motions[0].name + ''.join(f' (ghost: {motion.name})' for motion in self.motions[1:])
         axes.set_title(f'{names}, t = {t:.2f} s', fontsize=11)
-        axes.legend(handles=self._legend, loc='lower center', ncols=5, frameon=False, fontsize=8, handlelength=1.2, columnspacing=1.2)
+        axes.legend(
+            handles=self._legend,
+            loc='lower center',
+            ncols=5,
+            frameon=False,
+            fontsize=8,
+            handlelength=1.2,
+            columnspacing=1.2,
+        )
         for cursor in self._cursors:
             cursor.set_xdata([t, t])
         if self.figure.get_layout_engine() is not None:
@@ -174,7 +199,12 @@ class Painter:
 
 
 def write_picture(
-    motions: list[RecordedMotion], file: Path, *, at: float | None = None, width: int = WIDTH, channels: tuple[str, ...] = ()
+    motions: list[RecordedMotion],
+    file: Path,
+    *,
+    at: float | None = None,
+    width: int = WIDTH,
+    channels: tuple[str, ...] = (),
 ) -> None:
     """One instant [s] (default: the middle) as PNG, so many pixels wide. Raises BagError."""
     time = motions[0].time
@@ -200,18 +230,25 @@ def write_film(
     width: int = WIDTH,
     channels: tuple[str, ...] = (),
 ) -> None:
-    """A film of the whole recording: .mp4 or .gif. rate: pictures a second. speed: of the motion in it, 1 is as it was. Raises BagError."""
+    """A film of the whole recording: .mp4 or .gif. rate: pictures a second. speed: of the motion in it, 1 is as it was.
+    Raises BagError."""
     if file.suffix == '.gif':
-        rate = 100.0 / max(round(100.0 / rate), 2)  # a GIF counts hundredths of a second, and browsers slow down what is faster than 50 Hz
+        # a GIF counts hundredths of a second, and browsers slow down what is faster than 50 Hz
+        rate = 100.0 / max(round(100.0 / rate), 2)
     time = motions[0].time
     pictures = (time[-1] - time[0]) * rate / speed
     if pictures > MOST_PICTURES:
-        raise BagError(f'{file} would have {pictures:.3g} pictures, more than {MOST_PICTURES}; take a larger --speed or a smaller --rate')
+        raise BagError(
+            f'{file} would have {pictures:.3g} pictures, more than {MOST_PICTURES}; take a larger --speed or a smaller '
+            '--rate'
+        )
     painter = Painter(motions, channels, width)
-    size = pictures * math.prod(painter.figure.canvas.get_width_height())  # a byte for a pixel: a GIF is put together in memory
+    # a byte for a pixel: a GIF is put together in memory
+    size = pictures * math.prod(painter.figure.canvas.get_width_height())
     if file.suffix == '.gif' and size > MOST_BYTES:
         raise BagError(
-            f'{file} would need {size:.2g} bytes of memory; take a smaller --rate or --width, a larger --speed, or write an .mp4'
+            f'{file} would need {size:.2g} bytes of memory; take a smaller --rate or --width, a larger --speed, or '
+            'write an .mp4'
         )
     instants = np.arange(time[0], time[-1] + 1e-9, speed / rate)
     shown = tqdm(instants, unit='picture', desc=file.name, disable=None if progress else True, leave=False)
@@ -260,12 +297,18 @@ def _write_gif(painter: Painter, instants: Iterable[float], file: Path, rate: fl
 
 
 def _shades() -> list[int]:
-    """The colours that are drawn with, and what lies between them and the white of the paper: red, green, blue of each, 0 to 255."""
+    """The colours that are drawn with, and what lies between them and the white of the paper: red, green, blue of each,
+    0 to 255."""
     from matplotlib.colors import to_rgb
 
     inks = list(dict.fromkeys(('#000000', GHOST, *(COLOURS[kind] for kind in ('body', 'spring', 'force')))))
     part = np.linspace(0.0, 1.0, SHADES)[:, None]
-    return np.rint(255.0 * np.concatenate([1.0 + part * (np.array(to_rgb(ink)) - 1.0) for ink in inks])).astype(int).ravel().tolist()
+    return (
+        np.rint(255.0 * np.concatenate([1.0 + part * (np.array(to_rgb(ink)) - 1.0) for ink in inks]))
+        .astype(int)
+        .ravel()
+        .tolist()
+    )
 
 
 def _use_ffmpeg(file: Path) -> None:

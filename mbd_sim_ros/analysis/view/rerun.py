@@ -1,4 +1,5 @@
-"""Recordings in the viewer of Rerun (extra `rerun`): its decoders read the bag itself, with the links of /tf and robot_description."""
+"""Recordings in the viewer of Rerun (extra `rerun`): its decoders read the bag itself, with the links of /tf and
+robot_description."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ APPLICATION = 'mbd_sim_ros'
 
 
 def open_viewer(bags: Sequence[Path]) -> None:
-    """Start the viewer with the recordings; it goes on when this process ends. Raises BagError where it cannot start."""
+    """Start the viewer with the recordings; it goes on when this process ends. Raises BagError where it cannot
+    start."""
     _need_rerun()
     files = [str(find_file(bag)) for bag in bags]
     if sys.platform == 'linux' and not (os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')):

@@ -1,7 +1,8 @@
 """The real node at work: paced, commanded over topics, everything published and recorded, for as long as one likes.
 
-Commands have no time stamp of their own. The commander therefore adds a number of its own below 1e-3 N m to every brake command and looks
-for it in `cmd_applied`: what it measures is the way there, the wait for the next step, the step, and the way back.
+Commands have no time stamp of their own. The commander therefore adds a number of its own below 1e-3 N m to every brake
+command and looks for it in `cmd_applied`: what it measures is the way there, the wait for the next step, the step, and
+the way back.
 """
 
 from __future__ import annotations
@@ -42,8 +43,11 @@ START = 120.0  # s that it may take to start
 IDLE = 0.25, 60.0  # of the run, and at most so long [s]: the loops that do nothing
 BUSY = 0.1, 30.0  # the same: those that count
 ODOM = 'odom'
-DEPTH = 100  # messages that wait for a subscriber: with 10, a hundredth of a second, two cores at work lose some in a thousand
-COUNT = 'import sys; from mbd_sim_ros.lab.benchmarks.endurance import count; count(float(sys.argv[1]), float(sys.argv[2]))'
+# messages that wait for a subscriber: with 10, a hundredth of a second, two cores at work lose some in a thousand
+DEPTH = 100
+COUNT = (
+    'import sys; from mbd_sim_ros.lab.benchmarks.endurance import count; count(float(sys.argv[1]), float(sys.argv[2]))'
+)
 COMMAND = 'import sys; from mbd_sim_ros.lab.benchmarks.endurance import command; command(sys.argv[1], sys.argv[2:])'
 FIGURES = {
     'real_time_factor': 'simulated over elapsed time, up to the last step',
@@ -51,13 +55,15 @@ FIGURES = {
     'idle_before': 'steps of a loop that does nothing that came late by themselves, before the run [%]',
     'idle_after': 'the same behind it [%]',
     'late_more': 'late beyond the mean of these two [%]',
-    'busy': 'late by itself, before and after: a loop that counts for 0.4 of each step, measured alone, while all other cores count [%]',
+    'busy': 'late by itself, before and after: a loop that counts for 0.4 of each step, measured alone, while all '
+    'other cores count [%]',
     'slips': 'times the schedule was given up, 0.2 s behind',
     'latency_p50': 'from publishing a command to receiving the inputs of the step that used it [ms]: median',
     'latency_p99': '99th percentile of the same',
     'latency_max': 'largest of the same',
     'lost': f'commands not seen in a step within {LOST:g} s',
-    'missed': f'messages of odom, one of every step, that a plain subscriber with room for {DEPTH} did not get, from its first one on',
+    'missed': f'messages of odom, one of every step, that a plain subscriber with room for {DEPTH} did not get, from '
+    'its first one on',
     'recorded': 'size of the recording [MB]',
     'memory': 'of the simulator, at most [MB]',
     'memory_growth': 'in its second half [MB per minute]',
@@ -73,7 +79,8 @@ class Endurance:
     def __init__(self, scene: str, overrides: Sequence[str], seconds: float, *, with_reader: bool) -> None:
         import rclpy  # noqa: F401
 
-        simulation = simulation_of(load_scene(scene, overrides))  # also fills the cache, so that the node starts at once
+        # also fills the cache, so that the node starts at once
+        simulation = simulation_of(load_scene(scene, overrides))
         warm_up(simulation)
         topics = Messages.of(simulation.scene, simulation).topics
         self._read = [f'{topic.name}:{topic.type}' for topic in topics if installed(topic.type)] if with_reader else []
@@ -160,12 +167,17 @@ class Endurance:
             'memory': self._memory[0],
             'memory_growth': self._memory[1],
         }
-        return {'h': self._h, 'steps': steps, 'commands': len(self._latencies['ms']), 'figures': {name: values[name] for name in FIGURES}}
+        return {
+            'h': self._h,
+            'steps': steps,
+            'commands': len(self._latencies['ms']),
+            'figures': {name: values[name] for name in FIGURES},
+        }
 
 
 def count(duration: float, h: float) -> None:
-    """Subscribe to the odometry of a simulator as anybody would, until its last step, at `duration` [s]; print how many steps of h [s] were
-    missing from the first message on.
+    """Subscribe to the odometry of a simulator as anybody would, until its last step, at `duration` [s]; print how many
+    steps of h [s] were missing from the first message on.
     """
     import rclpy
     from nav_msgs.msg import Odometry
@@ -203,7 +215,10 @@ def command(scene: str, overrides: Sequence[str]) -> None:
     rclpy.init(args=[])
     node = rclpy.create_node('mbd_bench_commander', enable_rosout=False, start_parameter_services=False)
     newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-    publishers = [node.create_publisher(Float64, f'simulator/{name}', newest) for name in ('steering_cmd', 'torque_cmd', 'brake_cmd')]
+    publishers = [
+        node.create_publisher(Float64, f'simulator/{name}', newest)
+        for name in ('steering_cmd', 'torque_cmd', 'brake_cmd')
+    ]
     applied = node.create_subscription(JointState, 'cmd_applied', lambda _: None, newest)
     loaded = load_scene(scene, overrides)
 

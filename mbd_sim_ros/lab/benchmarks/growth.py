@@ -59,7 +59,8 @@ class Growth:
 
 
 def exponents(cases: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Exponents of the number of bodies for every scene of several sizes: fitted to all sizes, and between the two largest."""
+    """Exponents of the number of bodies for every scene of several sizes: fitted to all sizes, and between the two
+    largest."""
     found = []
     for scene in dict.fromkeys(case['scene'] for case in cases):
         sizes = sorted((case for case in cases if case['scene'] == scene), key=lambda case: case['bodies'])

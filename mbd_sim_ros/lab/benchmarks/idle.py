@@ -20,12 +20,14 @@ TRIALS = 100  # of how long counting takes
 
 
 def late_when_idle(h: float, seconds: float) -> float:
-    """Share of steps of h [s] that end after their deadline [%] when nothing is done in them; paced as the node paces."""
+    """Share of steps of h [s] that end after their deadline [%] when nothing is done in them; paced as the node
+    paces."""
     return _late(h, seconds, 0)
 
 
 def late_when_busy(h: float, seconds: float) -> float:
-    """The same when the processor counts for COUNTED of h in every step, measured alone, while every other core counts all the time.
+    """The same when the processor counts for COUNTED of h in every step, measured alone, while every other core counts
+    all the time.
 
     It is the effect of the machine on any loop of that size, among as much work: cores that share resources, or that
     others take away.
@@ -93,7 +95,8 @@ class Memory:
                 return
 
     def figures(self) -> tuple[float, float]:
-        """(largest [MB], growth per minute over the second half [MB], by a line of least squares); NaN where nothing was seen."""
+        """(largest [MB], growth per minute over the second half [MB], by a line of least squares); NaN where nothing
+        was seen."""
         self._end.set()
         self._thread.join()
         if len(self._samples) < 4:

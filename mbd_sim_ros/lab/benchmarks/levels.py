@@ -27,7 +27,9 @@ class Levels:
     """Measures one case. Raises SceneError, SpecError or ConsistencyError on construction, StepError from round()."""
 
     def __init__(self, scene: str, overrides: Sequence[str]) -> None:
-        self.simulations = {level: simulation_of(load_scene(scene, [*overrides, f'fidelity={level}'])) for level in LEVELS}
+        self.simulations = {
+            level: simulation_of(load_scene(scene, [*overrides, f'fidelity={level}'])) for level in LEVELS
+        }
         for simulation in self.simulations.values():
             warm_up(simulation)
             for audit in WAYS.values():
@@ -53,11 +55,16 @@ class Levels:
         for name, times in (('share', plain), ('audited', audited)):
             shares = np.median(times[:, 1:] / times[:, :1], axis=0).tolist()
             found |= {f'{level}_{name}': share for level, share in zip(LEVELS[1:], shares, strict=True)}
-        return {'h': self.simulations['full'].h, 'steps': len(plain) * BATCH, 'figures': {name: found[name] for name in FIGURES}}
+        return {
+            'h': self.simulations['full'].h,
+            'steps': len(plain) * BATCH,
+            'figures': {name: found[name] for name in FIGURES},
+        }
 
 
 def per_step(simulation: Simulation, *, audit: bool) -> float:
-    """CPU time of one of the next BATCH steps, made in one call [s]; from the start again where the scene has no more."""
+    """CPU time of one of the next BATCH steps, made in one call [s]; from the start again where the scene has no
+    more."""
     if simulation.k + BATCH > simulation.scene.steps:
         simulation.reset()
     driven = simulation.sources.step_by_step  # what a driver takes belongs to the step

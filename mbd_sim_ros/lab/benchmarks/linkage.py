@@ -1,9 +1,10 @@
 """N four-bar linkages here, in Exudyn and in MuJoCo, in turns on one core, all judged against one exact solution.
 
-All cranks stay parallel, so the linkage moves as one pendulum: with N + 1 cranks that turn and N rods that only translate, all of length l
-and mass m, ((N + 1)/3 + N) l phi'' = -((N + 1)/2 + N) g cos(phi). It passes singular positions, the horizontal ones, on the way.
-Here it is a model in space, with redundant constraints; in Exudyn one of planar bodies, without; in MuJoCo a tree of hinges whose loops
-are closed by soft constraints: what each of them would be used for, and what is fastest there. A program that is not installed is left out.
+All cranks stay parallel, so the linkage moves as one pendulum: with N + 1 cranks that turn and N rods that only
+translate, all of length l and mass m, ((N + 1)/3 + N) l phi'' = -((N + 1)/2 + N) g cos(phi). It passes singular
+positions, the horizontal ones, on the way. Here it is a model in space, with redundant constraints; in Exudyn one of
+planar bodies, without; in MuJoCo a tree of hinges whose loops are closed by soft constraints: what each of them would
+be used for, and what is fastest there. A program that is not installed is left out.
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ OURS: dict[str, dict[str, Any]] = {
     'two iterations': {'mode': 'fixed', 'iterations': 2},
     'to tolerance': {'mode': 'tolerance'},
 }
-# The sparse solver and a matrix in every step: otherwise it stops at singular positions or takes longer. Smaller tolerances cost more
-# for the same error.
+# The sparse solver and a matrix in every step: otherwise it stops at singular positions or takes longer. Smaller
+# tolerances cost more for the same error.
 EXUDYN: dict[str, dict[str, Any]] = {
     'tolerance 1e-3': {'tolerance': 1e-3, 'rho': 0.8, 'solver': 'EigenSparse', 'every_step': True},
 }
-# Beside what it takes by itself: the hardest constraints it has, with the shortest time constant it takes and little damping, in four
-# integrator. Newton and the sparse matrix are the fastest there.
+# Beside what it takes by itself: the hardest constraints it has, with the shortest time constant it takes and little
+# damping, in four integrator. Newton and the sparse matrix are the fastest there.
 SOFT = {'solref': (0.02, 1.0), 'solimp': (0.9, 0.95, 0.001, 0.5, 2.0)}
 HARD = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp
 MUJOCO: dict[str, tuple[str, float]] = {  # integrator and damping ratio, 0: soft constraints
@@ -49,7 +50,10 @@ MUJOCO: dict[str, tuple[str, float]] = {  # integrator and damping ratio, 0: sof
 PROGRAMS = {'ours': 'mbd_sim_ros', 'exudyn': 'Exudyn', 'mujoco': 'MuJoCo'}
 BOUNDS = {'1mm': 1e3, '01mm': 1e2}  # um
 FIGURES = {
-    f'{program}_{name}': f'simulating a millisecond with the fastest run of {title} whose error is at most {bound * 1e-3:g} mm [us]: median'
+    f'{program}_{name}': (
+        f'simulating a millisecond with the fastest run of {title} whose error is at most '
+        f'{bound * 1e-3:g} mm [us]: median'
+    )
     for name, bound in BOUNDS.items()
     for program, title in PROGRAMS.items()
 }
@@ -71,12 +75,16 @@ class Linkage:
     def __init__(self, scene: str, overrides: Sequence[str], instants: int) -> None:
         first = load_scene(scene, overrides)
         if not any(body.name == 'crank_0' for body in first.model.bodies):
-            raise SpecError(f'scene {scene!r}: measure linkage knows the exact solution of four_bar_n alone; name that scene')
+            raise SpecError(
+                f'scene {scene!r}: measure linkage knows the exact solution of four_bar_n alone; name that scene'
+            )
         self._times = EVERY * np.arange(1, instants + 1)
         self._ours: dict[tuple[str, float], Simulation] = {}
         for name, settings in OURS.items():
             for h in STEPS:
-                simulation = Simulation(dataclasses.replace(first, integrator=dataclasses.replace(first.integrator, h=h, **settings)))
+                simulation = Simulation(
+                    dataclasses.replace(first, integrator=dataclasses.replace(first.integrator, h=h, **settings))
+                )
                 warm_up(simulation)
                 self._ours[name, h] = simulation
         self._start = next(iter(self._ours.values()))
@@ -121,7 +129,9 @@ class Linkage:
         start = np.array([[body[key] for key in ('x', 'y', 'phi')] for body in self._model['bodies']])
 
         def run(result: dict[str, Any]) -> LinkageRun | str:
-            return result.get('error') or LinkageRun(start + np.array(result['values']).reshape(-1, *start.shape), result['cpu'])
+            return result.get('error') or LinkageRun(
+                start + np.array(result['values']).reshape(-1, *start.shape), result['cpu']
+            )
 
         return version, [(name, h, run(result)) for (name, h, _), result in zip(wanted, found, strict=True)]
 
@@ -130,7 +140,8 @@ class Linkage:
         version, found = mujoco(self._model, [settings for *_, settings in wanted], MUJOCO_PROGRAM)
         pairs = zip(wanted, found, strict=True)
         return version, [
-            (name, h, result.get('error') or LinkageRun(np.array(result['values']), result['cpu'])) for (name, h, _), result in pairs
+            (name, h, result.get('error') or LinkageRun(np.array(result['values']), result['cpu']))
+            for (name, h, _), result in pairs
         ]
 
     def _note(self, program: str, settings: str, h: float, run: LinkageRun | str) -> None:
@@ -146,15 +157,26 @@ class Linkage:
         """Nothing to end."""
 
     def figures(self) -> dict[str, Any]:
-        """The part of the report that belongs to this case; runs: every run; left_out: a sentence for every program that is not there."""
+        """The part of the report that belongs to this case; runs: every run; left_out: a sentence for every program
+        that is not there."""
         runs = [
-            {'program': program, 'settings': settings, 'h': h, **found, 'us': None if found['failed'] else float(np.median(found['us']))}
+            {
+                'program': program,
+                'settings': settings,
+                'h': h,
+                **found,
+                'us': None if found['failed'] else float(np.median(found['us'])),
+            }
             for (program, settings, h), found in self._found.items()
         ]
         figures = {}
         for name, bound in BOUNDS.items():
             for key, program in PROGRAMS.items():
-                enough = [run['us'] for run in runs if run['program'].startswith(program) and not run['failed'] and run['error'] <= bound]
+                enough = [
+                    run['us']
+                    for run in runs
+                    if run['program'].startswith(program) and not run['failed'] and run['error'] <= bound
+                ]
                 figures[f'{key}_{name}'] = min(enough, default=None)
         model = self._start.model
         return {
@@ -174,7 +196,8 @@ def soft_constraints(name: str, h: float) -> dict[str, Any]:
 
 
 def exact(model: dict[str, Any], times: np.ndarray) -> np.ndarray:
-    """(instants, bodies, x y phi) of all centres of mass, from the state of a planar four_bar_n (study.peers.planar) at t = 0."""
+    """(instants, bodies, x y phi) of all centres of mass, from the state of a planar four_bar_n (study.peers.planar) at
+    t = 0."""
     bodies, crank = model['bodies'], model['bodies'][0]
     n = len(bodies) // 2  # crank_0, rod_1, crank_1, ... rod_n, crank_n
     length = 2.0 * float(np.hypot(crank['x'], crank['y']))
@@ -183,7 +206,8 @@ def exact(model: dict[str, Any], times: np.ndarray) -> np.ndarray:
         lambda t, y: (y[1], -rate * np.cos(y[0])),
         (0.0, times[-1]), (crank['phi'], crank['w']), method='DOP853', rtol=1e-12, atol=1e-12, t_eval=times,
     )  # fmt: skip
-    end = length * np.stack((np.cos(solution.y[0]), np.sin(solution.y[0]), np.zeros(len(times))), axis=1)  # of a crank from its foot
+    # of a crank from its foot
+    end = length * np.stack((np.cos(solution.y[0]), np.sin(solution.y[0]), np.zeros(len(times))), axis=1)
     places = np.empty((len(times), len(bodies), 3))
     for k in range(n + 1):
         places[:, 2 * k] = 0.5 * end + [k * length, 0.0, 0.0]
@@ -200,6 +224,8 @@ def gap(model: dict[str, Any], places: np.ndarray) -> float:
         if body < 0:
             return np.array(at)
         x, y, phi = places[:, body].T
-        return np.stack((x + np.cos(phi) * at[0] - np.sin(phi) * at[1], y + np.sin(phi) * at[0] + np.cos(phi) * at[1]), axis=1)
+        return np.stack(
+            (x + np.cos(phi) * at[0] - np.sin(phi) * at[1], y + np.sin(phi) * at[0] + np.cos(phi) * at[1]), axis=1
+        )
 
     return max(float(np.linalg.norm(point(a, p) - point(b, q), axis=1).max()) for a, p, b, q in model['revolutes'])

@@ -41,7 +41,9 @@ def cpu_model() -> str:
     except OSError:
         return platform.processor() or 'unknown'
     values = {key.strip(): value.strip() for key, _, value in (line.partition(':') for line in lines)}
-    detail = ', '.join(f'{key} {values[name]}' for key, name in (('family', 'cpu family'), ('model', 'model')) if name in values)
+    detail = ', '.join(
+        f'{key} {values[name]}' for key, name in (('family', 'cpu family'), ('model', 'model')) if name in values
+    )
     return values.get('model name', 'unknown') + (f' ({detail})' if detail else '')
 
 

@@ -1,4 +1,5 @@
-"""The node at work at the full vehicle and at the level kc: how much of a core it takes, beside what no node can save."""
+"""The node at work at the full vehicle and at the level kc: how much of a core it takes, beside what no node can
+save."""
 
 from __future__ import annotations
 
@@ -30,8 +31,14 @@ MODES = ('ASYNCHRONOUS', 'SYNCHRONOUS')  # of publishing: a thread of the middle
 FIGURES = {
     **{f'node_{level}': f'CPU time of the node with fidelity: {level} over elapsed time [%]' for level in LEVELS},
     'node_share': 'kc over full',
-    **{f'bare_{mode.lower()}': f'CPU time of a node that only sleeps and publishes as often, {mode.lower()} [%]' for mode in MODES},
-    **{f'steps_{level}': f'CPU time of the steps of {level} alone over the time that they simulate [%]' for level in LEVELS},
+    **{
+        f'bare_{mode.lower()}': f'CPU time of a node that only sleeps and publishes as often, {mode.lower()} [%]'
+        for mode in MODES
+    },
+    **{
+        f'steps_{level}': f'CPU time of the steps of {level} alone over the time that they simulate [%]'
+        for level in LEVELS
+    },
     'least_share': 'kc over full where the cheaper bare node makes these steps: no node with rclpy has less',
 }
 DOMAIN = '104'  # ROS domain of its own
@@ -44,7 +51,8 @@ TICK = os.sysconf('SC_CLK_TCK')
 
 
 class NodeLevels:
-    """Measures one case: the real node paced in real time at every level for `seconds`, and a subscriber to HEARD in another process.
+    """Measures one case: the real node paced in real time at every level for `seconds`, and a subscriber to HEARD in
+    another process.
 
     Beside it what no node can save: the steps, and sleeping and publishing. publish_every: steps between messages.
 
@@ -54,7 +62,9 @@ class NodeLevels:
     def __init__(self, scene: str, overrides: Sequence[str], seconds: float, *, publish_every: int = 1) -> None:
         import rclpy  # noqa: F401
 
-        self._simulations = {level: simulation_of(load_scene(scene, [*overrides, f'fidelity={level}'])) for level in LEVELS}
+        self._simulations = {
+            level: simulation_of(load_scene(scene, [*overrides, f'fidelity={level}'])) for level in LEVELS
+        }
         for simulation in self._simulations.values():  # fills the cache too, so that the node starts at once
             warm_up(simulation)
         self._scene, self._overrides, self._seconds, self._h = scene, list(overrides), seconds, simulation.h
@@ -66,7 +76,9 @@ class NodeLevels:
         values = {'duration': float(self._seconds), 'publish_every': self._every}
         for level in LEVELS:
             given = parameters(self._scene, [*self._overrides, f'fidelity={level}'], **values)
-            self._found[f'node_{level}'] = self._share(['-m', 'mbd_sim_ros.node.main', '--ros-args', '--log-level', 'warn', *given])
+            self._found[f'node_{level}'] = self._share(
+                ['-m', 'mbd_sim_ros.node.main', '--ros-args', '--log-level', 'warn', *given]
+            )
         for mode in MODES:
             again = ['-c', BARE, str(self._every * self._h), str(self._seconds)]
             self._found[f'bare_{mode.lower()}'] = self._share(again, RMW_FASTRTPS_PUBLICATION_MODE=mode)
@@ -105,7 +117,11 @@ class NodeLevels:
         found['node_share'] = found['node_kc'] / found['node_full']
         cheaper = min(found[f'bare_{mode.lower()}'] for mode in MODES)
         found['least_share'] = (cheaper + found['steps_kc']) / (cheaper + found['steps_full'])
-        return {'h': self._h, 'steps': round(self._seconds / self._h), 'figures': {name: found[name] for name in FIGURES}}
+        return {
+            'h': self._h,
+            'steps': round(self._seconds / self._h),
+            'figures': {name: found[name] for name in FIGURES},
+        }
 
 
 def bare(period: float, seconds: float) -> None:

@@ -39,7 +39,11 @@ PIECES = {
 }
 # Figure of a report -> its explanation; times in us.
 FIGURES = {
-    **{f'{name}_{at}': f'{text}: {what}' for name, text in PIECES.items() for at, what in (('p50', 'median'), ('p99', '99th percentile'))},
+    **{
+        f'{name}_{at}': f'{text}: {what}'
+        for name, text in PIECES.items()
+        for at, what in (('p50', 'median'), ('p99', '99th percentile'))
+    },
     'overhead_max': 'the same: largest',
     'late': 'steps that ended, messages included, after the next one was due [%]',
     'other_threads': 'mean CPU time per step of all other threads: deliveries to the recording process, and middleware',
@@ -75,7 +79,9 @@ class Overhead:
         self._published = 0
         if publish:
             with on_all_cores():  # for the threads of the middleware: the core of the loop is for the loop
-                self._publish, self._published = self._resources.enter_context(publication(self._messages.topics, sample))
+                self._publish, self._published = self._resources.enter_context(
+                    publication(self._messages.topics, sample)
+                )
         self._every = publish_every
         self._times: list[int] = []  # CPU time of advance(1) of every step [ns]
         self._pieces: list[tuple[int, ...]] = []  # (encode, publish, record, overhead) of each step with messages [ns]
@@ -214,13 +220,18 @@ def publication(topics: Sequence[Topic], samples: Sequence[bytes | None]) -> Pub
         made = Publication(node, topics, samples)
         read = [topic for topic in topics if installed(topic.type)]
         environment = {**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)}
-        reader = subprocess.Popen([sys.executable, '-c', LISTEN, *(f'{topic.name}:{topic.type}' for topic in read)], env=environment)
+        reader = subprocess.Popen(
+            [sys.executable, '-c', LISTEN, *(f'{topic.name}:{topic.type}' for topic in read)], env=environment
+        )
         resources.callback(reader.wait)
         resources.callback(reader.terminate)
         limit = time.monotonic() + DISCOVERY_SECONDS
         while any(node.count_subscribers(topic.name) == 0 for topic in read) and time.monotonic() < limit:
             time.sleep(0.05)
-        yield lambda encoded: made.publish(encoded, made.channels), sum(node.count_subscribers(topic.name) > 0 for topic in read)
+        yield (
+            lambda encoded: made.publish(encoded, made.channels),
+            sum(node.count_subscribers(topic.name) > 0 for topic in read),
+        )
 
 
 def installed(message_type: str) -> bool:

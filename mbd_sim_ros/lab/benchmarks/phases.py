@@ -1,9 +1,9 @@
 """Phases of a step and their times: its compiled pieces, each repeated on the data that a real step left behind.
 
-A clock between the pieces would cost as much as the smaller ones and would keep the compiler from what it does in the step. So
-every piece runs a few hundred times in one compiled loop, and the time per call is multiplied by the calls a step makes. Repeated
-pieces find their data in the cache, and the compiler joins them differently than inside a step: the sum is an estimate, and its
-difference to the measured step is reported as `rest`.
+A clock between the pieces would cost as much as the smaller ones and would keep the compiler from what it does in the
+step. So every piece runs a few hundred times in one compiled loop, and the time per call is multiplied by the calls a
+step makes. Repeated pieces find their data in the cache, and the compiler joins them differently than inside a step:
+the sum is an estimate, and its difference to the measured step is reported as `rest`.
 """
 
 from __future__ import annotations
@@ -62,7 +62,18 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
         elif phase in (TANGENTS, FORCES):
             tangents = phase == TANGENTS
             evaluate_forces(
-                tables, work.kin_stage, s0.angle, work.zp, cz, u, tangents, work.f, work.Kq, work.Kv, work.z_stage, work.outputs
+                tables,
+                work.kin_stage,
+                s0.angle,
+                work.zp,
+                cz,
+                u,
+                tangents,
+                work.f,
+                work.Kq,
+                work.Kv,
+                work.z_stage,
+                work.outputs,
             )
         elif phase in (CONSTRAINTS, RESIDUALS):
             evaluate_constraints(tables, work.kin_stage, s0.angle, u, True, work.phi_stage, work.J_stage)
@@ -81,7 +92,20 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
             evaluate_constraints(tables, work.kin_end, s1.angle, u, True, work.phi_end, work.J_end)
             project_velocity(tables, c, s1.v, u, 1 if c.fixed == 1 else 3, work)
         else:
-            evaluate_forces(tables, work.kin_end, s1.angle, s1.z, 0.0, u, False, work.f, work.Kq, work.Kv, work.z_stage, work.outputs)
+            evaluate_forces(
+                tables,
+                work.kin_end,
+                s1.angle,
+                s1.z,
+                0.0,
+                u,
+                False,
+                work.f,
+                work.Kq,
+                work.Kv,
+                work.z_stage,
+                work.outputs,
+            )
             update_energy(tables, work.kin_end, work.outputs, work.lam_out, work.phi_t, h, work.account)
 
 
@@ -101,10 +125,11 @@ def _no_elimination(simulation: Simulation, saddle: Any) -> Ref:
 
 
 def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[dict[str, float], dict[str, float]]:
-    """CPU times [us] at the current state, medians over `rounds`: of every phase per step, and of every kind of force element per call.
+    """CPU times [us] at the current state, medians over `rounds`: of every phase per step, and of every kind of force
+    element per call.
 
-    Measured is a step with outputs and audit (`whole`, its mean over the next `count` steps); element kinds with tangents. The
-    simulation is left as it was.
+    Measured is a step with outputs and audit (`whole`, its mean over the next `count` steps); element kinds with
+    tangents. The simulation is left as it was.
     """
     model, c, layout = simulation.model, simulation.scheme, layout_of(simulation.channels)
     work = new_work(model, new_saddle(model, c.form), model.new_outputs(), output_arrays(new_numbers(layout), layout))
@@ -132,7 +157,9 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[
         assembly, complete = piece(ASSEMBLE), piece(FACTORIZE_ALL)
         before_elimination = piece(FACTORIZE_ALL, plain)
         found = {
-            'placement': factorizations * piece(PLACE_TANGENTS) + (n - factorizations) * piece(PLACE) + piece(PLACE_END),
+            'placement': factorizations * piece(PLACE_TANGENTS)
+            + (n - factorizations) * piece(PLACE)
+            + piece(PLACE_END),
             'forces and tangents': factorizations * piece(TANGENTS),
             'forces alone': (n - factorizations) * piece(FORCES),
             'constraints': factorizations * piece(CONSTRAINTS) + (n - factorizations) * piece(RESIDUALS),

@@ -1,7 +1,8 @@
-"""The car on the rig (rig.py) here and in Exudyn, in turns on one core, each judged against a converged solution of its own.
+"""The car on the rig (rig.py) here and in Exudyn, in turns on one core, each judged against a converged solution of its
+own.
 
-MuJoCo is not among them: its closed loops are soft constraints with a time constant of their own, so no converged solution of it is one
-of this model.
+MuJoCo is not among them: its closed loops are soft constraints with a time constant of their own, so no converged
+solution of it is one of this model.
 """
 
 from __future__ import annotations
@@ -32,18 +33,21 @@ OURS: dict[str, tuple[int, dict[str, Any]]] = {  # how much smaller the step is,
     'tolerance 1e-8': (1, {'mode': 'tolerance', 'tolerance': 1e-8}),
     'one iteration, half the step': (2, {'mode': 'fixed', 'iterations': 1}),
 }
-SPARSE = {'solver': 'EigenSparse', 'modified': True, 'every_step': False}  # the fastest of its solvers and Newton methods for this model
+# the fastest of its solvers and Newton methods for this model
+SPARSE = {'solver': 'EigenSparse', 'modified': True, 'every_step': False}
 EXUDYN: dict[str, dict[str, Any]] = {
     f'tolerance {TIGHT}, Euler parameters': {'tolerance': 1e-8, 'rotations': 'euler', **SPARSE},
     f'tolerance {TIGHT}, rotation vectors': {'tolerance': 1e-8, 'rotations': 'lie', **SPARSE},
     'tolerance 1e-3, Euler parameters': {'tolerance': 1e-3, 'rotations': 'euler', **SPARSE},
 }
 FIGURES = {
-    'ours': 'simulating a millisecond with the fastest of our runs that is accurate enough, or else the most accurate [us]: median',
+    'ours': 'simulating a millisecond with the fastest of our runs that is accurate enough, or else the most accurate '
+    '[us]: median',
     'exudyn': f'the same with the fastest of the runs of Exudyn with tolerance {TIGHT} [us]: median',
     'time_ratio': 'ours over exudyn',
     'our_error': 'largest distance of a centre of mass from our converged solution in that run of ours [um]',
-    'exudyn_error': f"the same in the most accurate of Exudyn's runs with tolerance {TIGHT}, from its converged solution [um]",
+    'exudyn_error': f"the same in the most accurate of Exudyn's runs with tolerance {TIGHT}, from its converged "
+    'solution [um]',
     'error_ratio': 'our_error over exudyn_error: a run of ours with at most 1 is accurate enough',
     'apart': 'largest distance of the two converged solutions [um]: how alike the models are',
 }
@@ -52,7 +56,8 @@ FIGURES = {
 class Peers:
     """Measures one case. steps: of the run that every round repeats.
 
-    Raises SceneError, SpecError or ConsistencyError on construction, SpecError when Exudyn is not installed, StepError from round().
+    Raises SceneError, SpecError or ConsistencyError on construction, SpecError when Exudyn is not installed, StepError
+    from round().
     """
 
     def __init__(self, scene: str, overrides: Sequence[str], steps: int) -> None:
@@ -60,7 +65,9 @@ class Peers:
         self._h = first.integrator.h
         self._scene = dataclasses.replace(first, duration=steps * self._h)
         self._steps = steps
-        self._ours = {name: Simulation(_with(self._scene, h=self._h / finer, **more)) for name, (finer, more) in OURS.items()}
+        self._ours = {
+            name: Simulation(_with(self._scene, h=self._h / finer, **more)) for name, (finer, more) in OURS.items()
+        }
         for simulation in self._ours.values():
             warm_up(simulation)
         self._model = plain(next(iter(self._ours.values()))) | {'every': EVERY * self._h}
@@ -101,9 +108,13 @@ class Peers:
             self._note('mbd_sim_ros', name, simulation.h, cpu, _distance(positions, self._our_exact), counters)
         for name, found in zip(EXUDYN, self._exudyn(list(EXUDYN.values()))[1], strict=True):
             error = _distance(np.array(found['positions']), self._exact)
-            self._note(f'Exudyn {self.version}', name, self._h, found['cpu'], error, {key: found[key] for key in COUNTERS})
+            self._note(
+                f'Exudyn {self.version}', name, self._h, found['cpu'], error, {key: found[key] for key in COUNTERS}
+            )
 
-    def _note(self, program: str, settings: str, h: float, cpu: float, error: float, counters: dict[str, float]) -> None:
+    def _note(
+        self, program: str, settings: str, h: float, cpu: float, error: float, counters: dict[str, float]
+    ) -> None:
         run = self._runs.setdefault((program, settings), {'h': h, 'us': [], 'error': error * 1e6, **counters})
         run['us'].append(cpu / self._scene.duration * 1e3)
 
@@ -122,7 +133,8 @@ class Peers:
         enough = [run for run in mine if run['error'] <= accurate['error']]
         ours = min(enough, key=lambda run: run['us']) if enough else min(mine, key=lambda run: run['error'])
         values = (
-            ours['us'], fastest['us'], ours['us'] / fastest['us'], ours['error'], accurate['error'], ours['error'] / accurate['error'],
+            ours['us'], fastest['us'], ours['us'] / fastest['us'], ours['error'], accurate['error'],
+            ours['error'] / accurate['error'],
             _distance(self._our_exact, self._exact) * 1e6,
         )  # fmt: skip
         return {'h': self._h, 'steps': self._steps, 'runs': runs, 'figures': dict(zip(FIGURES, values, strict=True))}

@@ -1,5 +1,5 @@
-"""Single steps as the node makes them, beside an idle loop of the same length: what is late because of the step, and what because of
-the machine."""
+"""Single steps as the node makes them, beside an idle loop of the same length: what is late because of the step, and
+what because of the machine."""
 
 from __future__ import annotations
 
@@ -81,11 +81,20 @@ class Single:
         found: dict[str, float] = {}
         for name, samples in (('step', self._steps), ('idle', self._idle)):
             us = np.array(samples) * 1e-3
-            found |= {f'{name}_p50': float(np.median(us)), f'{name}_p99': float(np.percentile(us, 99.0)), f'{name}_max': float(us.max())}
+            found |= {
+                f'{name}_p50': float(np.median(us)),
+                f'{name}_p99': float(np.percentile(us, 99.0)),
+                f'{name}_max': float(us.max()),
+            }
             found[f'{name}_late'] = int((us > LATE).sum())
         found['late_more'] = max(0, found['step_late'] - found['idle_late'])
         steps = len(self._steps)
-        return {'h': self.simulation.h, 'steps': steps, 'simulated': steps * self.simulation.h, 'figures': {n: found[n] for n in FIGURES}}
+        return {
+            'h': self.simulation.h,
+            'steps': steps,
+            'simulated': steps * self.simulation.h,
+            'figures': {n: found[n] for n in FIGURES},
+        }
 
 
 def idle(length: int) -> None:

@@ -26,7 +26,8 @@ FIGURES = {
     'cold_cpu': 'CPU time of the same [s]',
     'warm': 'the same in later processes, which find compiled kernels [s]: median',
     'warm_cpu': 'CPU time of the same [s]: median',
-    'node': 'from the start of the simulator node to the first joint_states at a reader that was there before [s]: median',
+    'node': 'from the start of the simulator node to the first joint_states at a reader that was there before [s]: '
+    'median',
 }
 FIRST_STEP = """
 import json, sys, time
@@ -50,7 +51,8 @@ rclpy.spin(node)
 
 
 class StartUp:
-    """Measures one case, in processes of their own that may use every core. Raises SceneError, and SpecError from round()."""
+    """Measures one case, in processes of their own that may use every core. Raises SceneError, and SpecError from
+    round()."""
 
     def __init__(self, scene: str, overrides: Sequence[str]) -> None:
         load_scene(scene, overrides)  # raises before anything is started
@@ -61,7 +63,8 @@ class StartUp:
         """One start with an empty cache and some with what it left there."""
         with on_all_cores(), tempfile.TemporaryDirectory(prefix='mbd-bench-') as cache:
             environment = {**os.environ, 'MBD_CACHE_DIR': cache, 'ROS_DOMAIN_ID': DOMAIN}
-            environment.pop('PYTHONDONTWRITEBYTECODE', None)  # with it Python compiles every module in every start, a quarter second
+            # with it Python compiles every module in every start, a quarter second
+            environment.pop('PYTHONDONTWRITEBYTECODE', None)
             self._values['cold'], self._values['cold_cpu'] = self._first_step(environment)
             warm = np.array([self._first_step(environment) for _ in range(WARM)])
             self._values['warm'], self._values['warm_cpu'] = map(float, np.median(warm, axis=0))

@@ -79,7 +79,9 @@ class Stepping:
 
     def _sample(self, way: str, ns: int, counters: Counters, steps: int) -> None:
         self._samples[way].append(ns / steps * 1e-3)
-        self._counters[way].append((counters.iterations / steps, counters.factorizations / steps, counters.evaluations / steps))
+        self._counters[way].append(
+            (counters.iterations / steps, counters.factorizations / steps, counters.evaluations / steps)
+        )
 
     def close(self) -> None:
         """Nothing to end."""
@@ -102,7 +104,10 @@ class Stepping:
             'steps': len(s['single']),
             'real_time_factor': simulation.h * 1e6 / us['batch'],
             'figures': {name: us[name] for name in FIGURES},
-            'counters': {way: dict(zip(names, map(float, np.mean(rows, axis=0)), strict=True)) for way, rows in self._counters.items()},
+            'counters': {
+                way: dict(zip(names, map(float, np.mean(rows, axis=0)), strict=True))
+                for way, rows in self._counters.items()
+            },
             'phases': _medians(phases),
             'elements': _medians(elements),
         }

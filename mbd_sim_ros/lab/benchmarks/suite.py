@@ -8,7 +8,19 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
-from mbd_sim_ros.lab.benchmarks import endurance, growth, levels, linkage, node_levels, overhead, rigs, single, start, stepping, threads
+from mbd_sim_ros.lab.benchmarks import (
+    endurance,
+    growth,
+    levels,
+    linkage,
+    node_levels,
+    overhead,
+    rigs,
+    single,
+    start,
+    stepping,
+    threads,
+)
 from mbd_sim_ros.lab.benchmarks.machine import Watch, fingerprint, on_one_core
 from solver.dimensions import Time
 from solver.errors import MbdError, SceneError, suggestion
@@ -22,7 +34,8 @@ QUICK_SECONDS = 10.0  # of a run of the node
 
 
 class Measurement(Protocol):
-    """One case being measured. Made with what it needs; whatever it raises that is an MbdError makes the case unavailable."""
+    """One case being measured. Made with what it needs; whatever it raises that is an MbdError makes the case
+    unavailable."""
 
     def round(self, steps: int) -> None:
         """Measure some steps."""
@@ -68,8 +81,12 @@ MEASURES: dict[str, Measure] = {
     'single': Measure(single.FIGURES, 12000, 500, lambda case, _: single.Single(case.scene, case.set)),
     'growth': Measure(growth.FIGURES, 1000, 200, lambda case, _: growth.Growth(case.scene, case.set)),
     'threads': Measure(threads.FIGURES, 4000, 500, lambda case, _: threads.Threads(case.scene, case.set)),
-    'peers': Measure(rigs.FIGURES, 500, 100, lambda case, quick: rigs.Peers(case.scene, case.set, _steps('peers', quick))),
-    'linkage': Measure(linkage.FIGURES, 100, 20, lambda case, quick: linkage.Linkage(case.scene, case.set, _steps('linkage', quick))),
+    'peers': Measure(
+        rigs.FIGURES, 500, 100, lambda case, quick: rigs.Peers(case.scene, case.set, _steps('peers', quick))
+    ),
+    'linkage': Measure(
+        linkage.FIGURES, 100, 20, lambda case, quick: linkage.Linkage(case.scene, case.set, _steps('linkage', quick))
+    ),
     'record': Measure(overhead.FIGURES, 2000, 500, lambda case, _: _overhead(case)),
     'publish': Measure(overhead.FIGURES, 2000, 500, lambda case, _: _overhead(case)),
     'start': Measure(start.FIGURES, 1, 1, lambda case, _: start.StartUp(case.scene, case.set), once=True),
@@ -84,13 +101,14 @@ MEASURES: dict[str, Measure] = {
 class BenchmarkCase:
     """One line of the benchmark.
 
-    measure: 'steps' times advance(), 'single' steps one at a time beside an idle loop; 'growth' is for scenes of several sizes, 'threads'
-    for several simulations at once, 'levels' for the levels of detail of a vehicle, 'peers' for the car on a rig and 'linkage' for N
-    four-bar linkages here and in other programs; 'record' and 'publish' tell what encoding, recording and publishing add to a step of a
-    paced loop, 'start' how long a start takes; 'node' is the real node for `duration` [s], commanded, publishing and recording every step,
-    'node_and_reader' the same with a reader of every topic, 'node_levels' how much of a core it takes at each level. set: changes to the
-    scene, as `--set`. publish_every: of 'record', 'publish' and 'node_levels', messages after every n-th step, as the parameter of the
-    node. targets: limits of figures, by name.
+    measure: 'steps' times advance(), 'single' steps one at a time beside an idle loop; 'growth' is for scenes of
+    several sizes, 'threads' for several simulations at once, 'levels' for the levels of detail of a vehicle, 'peers'
+    for the car on a rig and 'linkage' for N four-bar linkages here and in other programs; 'record' and 'publish' tell
+    what encoding, recording and publishing add to a step of a paced loop, 'start' how long a start takes; 'node' is the
+    real node for `duration` [s], commanded, publishing and recording every step, 'node_and_reader' the same with a
+    reader of every topic, 'node_levels' how much of a core it takes at each level. set: changes to the scene, as
+    `--set`. publish_every: of 'record', 'publish' and 'node_levels', messages after every n-th step, as the parameter
+    of the node. targets: limits of figures, by name.
     """
 
     name: str
@@ -153,11 +171,15 @@ def _suite_file(file: str | Path) -> Path:
     return found
 
 
-def run(cases: Sequence[BenchmarkCase], *, quick: bool = False, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
-    """Measure all cases in one run on one core and return the report (see docs/performance.md for what the figures are).
+def run(
+    cases: Sequence[BenchmarkCase], *, quick: bool = False, say: Callable[[str], None] = lambda _: None
+) -> dict[str, Any]:
+    """Measure all cases in one run on one core and return the report (see docs/performance.md for what the figures
+    are).
 
-    The cases take turns, round by round, so that all share the good and the bad minutes of the machine. A case whose scene cannot be
-    loaded or simulated, or whose packages are missing, is 'unavailable' with the reason. say: receives progress lines.
+    The cases take turns, round by round, so that all share the good and the bad minutes of the machine. A case whose
+    scene cannot be loaded or simulated, or whose packages are missing, is 'unavailable' with the reason. say: receives
+    progress lines.
     """
     rounds = QUICK_ROUNDS if quick else ROUNDS
     machine = fingerprint()
@@ -205,7 +227,9 @@ def run(cases: Sequence[BenchmarkCase], *, quick: bool = False, say: Callable[[s
         'disturbance': disturbance,
         'warnings': warnings(machine, disturbance),
         'cases': reports,
-        'growth': growth.exponents([report for report in reports if report['measure'] == 'growth' and report['status'] == 'ok']),
+        'growth': growth.exponents(
+            [report for report in reports if report['measure'] == 'growth' and report['status'] == 'ok']
+        ),
     }
 
 
@@ -213,9 +237,15 @@ def warnings(machine: dict[str, Any], disturbance: dict[str, float]) -> list[str
     """Sentences about why the figures may be too high."""
     found = []
     if machine['load_average'] > 0.25 * machine['cores']:
-        found.append(f'the machine was busy before the run: load average {machine["load_average"]:.2f} on {machine["cores"]} cores')
+        found.append(
+            f'the machine was busy before the run: load average {machine["load_average"]:.2f} on {machine["cores"]} '
+            'cores'
+        )
     if disturbance['waited'] > 0.02:
-        found.append(f'the measuring thread waited for its core {disturbance["waited"]:.1%} of the time: other processes ran on it')
+        found.append(
+            f'the measuring thread waited for its core {disturbance["waited"]:.1%} of the time: other processes ran on '
+            'it'
+        )
     if disturbance['stolen'] > 0.01:
         found.append(f'the hypervisor took {disturbance["stolen"]:.1%} of the core')
     return found

@@ -60,4 +60,8 @@ class Threads:
         times = np.array(self._times)
         serial, threads = np.median(times, axis=0) / (COUNT * BATCH) * 1e6
         values = (float(serial), float(threads), float(np.median(times[:, 0] / times[:, 1])))
-        return {'h': self.simulations[0].h, 'steps': len(times) * BATCH, 'figures': dict(zip(FIGURES, values, strict=True))}
+        return {
+            'h': self.simulations[0].h,
+            'steps': len(times) * BATCH,
+            'figures': dict(zip(FIGURES, values, strict=True)),
+        }

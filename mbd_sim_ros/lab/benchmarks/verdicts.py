@@ -18,7 +18,8 @@ from solver.errors import MbdError
 
 
 class Table(NamedTuple):
-    """One table: its title, what its numbers are, its rows with the header first, and what its figures or lines mean, by name."""
+    """One table: its title, what its numbers are, its rows with the header first, and what its figures or lines mean,
+    by name."""
 
     title: str
     about: str
@@ -37,7 +38,8 @@ TITLES = {  # of the measures whose table has one line per case and one column p
     ),
     'linkage': (
         'N four-bar linkages, here, in Exudyn and in MuJoCo',
-        'CPU time per simulated millisecond on one core, in turns, of the fastest run that is as accurate; empty where none is.',
+        'CPU time per simulated millisecond on one core, in turns, of the fastest run that is as accurate; empty where '
+        'none is.',
     ),
     'start': ('Start', ''),
     'node': ('The node at work', 'Elapsed time, all cores; commanded over topics, everything published and recorded.'),
@@ -60,9 +62,14 @@ def tables(report: dict[str, Any]) -> list[Table]:
         found.append(_plain(title, about, of[name], MEASURES[name].figures))
         if name == 'peers':
             about = 'Iterations and factorizations per step.'
-            found.append(_runs('Runs on the rig', about, of[name], {key: key for key in ('iterations', 'factorizations')}))
+            found.append(
+                _runs('Runs on the rig', about, of[name], {key: key for key in ('iterations', 'factorizations')})
+            )
         if name == 'linkage':
-            about = 'error: largest distance of a centre of mass from the exact solution; gap: of the two points of a joint.'
+            about = (
+                'error: largest distance of a centre of mass from the exact solution; gap: of the two points of a '
+                'joint.'
+            )
             found.append(_runs('Runs of the linkages', about, of[name], {'gap': 'gap [um]'}))
         if name == 'growth':
             found.append(_exponents(report['growth']))
@@ -82,7 +89,10 @@ def _plain(title: str, about: str, cases: Sequence[dict[str, Any]], figures: Map
     """One line per case, one column per figure; sizes of the model where the case has them."""
     sizes = [name for name in ('bodies', 'rows', 'steps') if all(name in case for case in cases)]
     rows = [['case', *sizes, *figures]]
-    rows += [[case['name'], *(str(case[name]) for name in sizes), *(_number(case['figures'][name]) for name in figures)] for case in cases]
+    rows += [
+        [case['name'], *(str(case[name]) for name in sizes), *(_number(case['figures'][name]) for name in figures)]
+        for case in cases
+    ]
     return Table(title, about, rows, figures)
 
 
@@ -91,7 +101,9 @@ def _runs(title: str, about: str, cases: Sequence[dict[str, Any]], more: Mapping
     rows = [['case', 'program', 'settings', 'h [ms]', 'us per ms', 'error [um]', *more.values()]]
     for case in cases:
         for run in case['runs']:
-            numbers = ['failed'] if run['us'] is None else [_number(float(run[name])) for name in ('us', 'error', *more)]
+            numbers = (
+                ['failed'] if run['us'] is None else [_number(float(run[name])) for name in ('us', 'error', *more)]
+            )
             row = [case['name'], run['program'], run['settings'], f'{run["h"] * 1e3:g}', *numbers]
             rows.append(row + [''] * (len(rows[0]) - len(row)))
     return Table(title, about, rows)
@@ -102,13 +114,27 @@ def _exponents(growth: Sequence[dict[str, Any]]) -> Table:
     for row in growth:
         numbers = (row[name] for name in ('step', 'step_at_last', 'memory', 'memory_at_last'))
         met = 'yes' if row['met'] else 'NO'
-        rows.append([row['scene'], f'{row["smallest"]} to {row["largest"]}', *(f'{number:.3f}' for number in numbers), met])
-    about = 'Exponents of the number of bodies: of a line through the logarithms of all sizes, and between the two largest.'
+        rows.append(
+            [row['scene'], f'{row["smallest"]} to {row["largest"]}', *(f'{number:.3f}' for number in numbers), met]
+        )
+    about = (
+        'Exponents of the number of bodies: of a line through the logarithms of all sizes, and between the two largest.'
+    )
     return Table('Exponents', about, rows)
 
 
 def _stepping(cases: Sequence[dict[str, Any]]) -> Table:
-    header = ['case', 'h [ms]', 'bodies', 'rows', *STEPPING_FIGURES, 'x real time', 'iterations', 'factorizations', 'evaluations']
+    header = [
+        'case',
+        'h [ms]',
+        'bodies',
+        'rows',
+        *STEPPING_FIGURES,
+        'x real time',
+        'iterations',
+        'factorizations',
+        'evaluations',
+    ]
     rows = [header]
     for case in cases:
         counters = case['counters']['audited']
@@ -122,14 +148,24 @@ def _stepping(cases: Sequence[dict[str, Any]]) -> Table:
 
 def _phases(cases: Sequence[dict[str, Any]]) -> Table:
     rows = [['case', *PHASES, 'whole'], *([case['name'], *map(_number, case['phases'].values())] for case in cases)]
-    about = 'CPU time in us per audited step: every compiled piece of a step repeated alone on the data of a real one, times its calls.'
+    about = (
+        'CPU time in us per audited step: every compiled piece of a step repeated alone on the data of a real '
+        'one, '
+        'times its calls.'
+    )
     return Table('Phases of a step', about, rows, PHASES)
 
 
 def _elements(cases: Sequence[dict[str, Any]]) -> Table:
     names = [*dict.fromkeys(name for case in cases for name in case['elements'] if name != 'bodies'), 'bodies']
-    about = 'CPU time in us per evaluation with tangents, by kind; bodies: gyroscopic terms, gravity and the clearing of the arrays.'
-    rows = [['case', *names], *([case['name'], *(_number(case['elements'].get(name)) for name in names)] for case in cases)]
+    about = (
+        'CPU time in us per evaluation with tangents, by kind; bodies: gyroscopic terms, gravity and the clearing '
+        'of the arrays.'
+    )
+    rows = [
+        ['case', *names],
+        *([case['name'], *(_number(case['elements'].get(name)) for name in names)] for case in cases),
+    ]
     return Table('Force elements', about, rows)
 
 
@@ -147,7 +183,12 @@ def _overhead(cases: Sequence[dict[str, Any]]) -> Table:
             ]
             + [_number(case['figures'][figure]) for figure in OVERHEAD_FIGURES]
         )
-    return Table('Publishing and recording', 'CPU time in us in a loop paced in real time; rate: of the messages.', rows, OVERHEAD_FIGURES)
+    return Table(
+        'Publishing and recording',
+        'CPU time in us in a loop paced in real time; rate: of the messages.',
+        rows,
+        OVERHEAD_FIGURES,
+    )
 
 
 def _targets(cases: Sequence[dict[str, Any]]) -> Table:
@@ -156,12 +197,16 @@ def _targets(cases: Sequence[dict[str, Any]]) -> Table:
         for target in case['targets']:
             value = target['value']
             met = {True: 'yes', False: 'NO', None: 'not measured'}[target['met']]
-            rows.append([case['name'], target['figure'], '' if value is None else _number(value), f'{target["limit"]:g}', met])
+            rows.append(
+                [case['name'], target['figure'], '' if value is None else _number(value), f'{target["limit"]:g}', met]
+            )
     return Table('Targets', '', rows)
 
 
 def _unavailable(cases: Sequence[dict[str, Any]]) -> Table:
-    rows = [[case['name'], reason] for case in cases for reason in (case['reason'], *case.get('left_out', [])) if reason]
+    rows = [
+        [case['name'], reason] for case in cases for reason in (case['reason'], *case.get('left_out', [])) if reason
+    ]
     return Table('Not measured', '', [['case', 'reason'], *rows])
 
 
@@ -171,8 +216,10 @@ def machine(report: dict[str, Any]) -> list[str]:
     return [
         f'{m["cpu"]}, {m["cores"]} cores ({m["host_target"]}), {m["system"]}',
         f'Python {m["python"]}, numpy {m["numpy"]}, numba {m["numba"]}, LLVM {m["llvm"]}; solver {m["source_hash"]}',
-        f'one core, {report["rounds"]} rounds over all cases; reading the CPU clock takes {m["clock_us"]:.2f} us and is not subtracted',
-        f'load average before the run {m["load_average"]:.2f}; the thread waited for its core {d["waited"]:.1%} of the time, '
+        f'one core, {report["rounds"]} rounds over all cases; reading the CPU clock takes {m["clock_us"]:.2f} us and '
+        'is not subtracted',
+        f'load average before the run {m["load_average"]:.2f}; the thread waited for its core {d["waited"]:.1%} of the '
+        'time, '
         f'the hypervisor took {d["stolen"]:.1%} of the core',
         *(f'WARNING: {text}' for text in report['warnings']),
     ]
@@ -185,7 +232,10 @@ def text(report: dict[str, Any]) -> str:
         widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
         left = [all(not _is_number(row[k]) for row in rows[1:]) for k in range(len(widths))]
         lines = (
-            '  '.join(c.ljust(w) if words else c.rjust(w) for c, w, words in zip(row, widths, left, strict=True)).rstrip() for row in rows
+            '  '.join(
+                c.ljust(w) if words else c.rjust(w) for c, w, words in zip(row, widths, left, strict=True)
+            ).rstrip()
+            for row in rows
         )
         blocks.append(f'{title}\n' + '\n'.join(lines))
     return '\n\n'.join(blocks)
@@ -200,7 +250,14 @@ def markdown(report: dict[str, Any], level: int = 2) -> str:
     blocks = ['\n'.join(f'- {line}' for line in machine(report))]
     for title, about, rows, meaning in tables(report):
         head, *body = (f'| {" | ".join(row)} |' for row in rows)
-        lines = [f'{"#" * level} {title}', '', *([about, ''] if about else []), head, '|' + '---|' * len(rows[0]), *body]
+        lines = [
+            f'{"#" * level} {title}',
+            '',
+            *([about, ''] if about else []),
+            head,
+            '|' + '---|' * len(rows[0]),
+            *body,
+        ]
         lines += [*([''] if meaning else []), *(f'- {name}: {text}' for name, text in meaning.items())]
         blocks.append('\n'.join(lines))
     return '\n\n'.join(blocks) + '\n'

@@ -1,12 +1,13 @@
 """Linkages that pass change points, and their exact motions: one equation of motion each, solved to twelve digits.
 
-All bars of a change-point linkage can lie in one line, where it could go on in another way; a motion through such a position that keeps
-its energy and its momentum keeps its branch. On that branch the linkage has one angle theta, so that with inertia J(theta), potential
-V(theta) and damping c
+All bars of a change-point linkage can lie in one line, where it could go on in another way; a motion through such a
+position that keeps its energy and its momentum keeps its branch. On that branch the linkage has one angle theta, so
+that with inertia J(theta), potential V(theta) and damping c
 
     J theta'' + J' theta'^2 / 2 + V' + c theta' = 0
 
-is all there is: parallel cranks turn alike and their rods do not turn; the rod of a slider-crank with equal bars turns against the crank.
+is all there is: parallel cranks turn alike and their rods do not turn; the rod of a slider-crank with equal bars turns
+against the crank.
 """
 
 from __future__ import annotations
@@ -29,8 +30,9 @@ GRAVITY = MODEL_GRAVITY  # m/s^2, along -y in every linkage here
 class Linkage:
     """A linkage with one angle theta about z.
 
-    scene: its data, without step and duration. theta, rate: at t = 0 [rad, rad/s]. inertia: J and J' at theta [kg m^2]; slope: V' [N m];
-    damping: c [N m s]. tip: (body, point in its reference frame, place(theta)): where this point is [m].
+    scene: its data, without step and duration. theta, rate: at t = 0 [rad, rad/s]. inertia: J and J' at theta [kg m^2];
+    slope: V' [N m]; damping: c [N m s]. tip: (body, point in its reference frame, place(theta)): where this point is
+    [m].
     """
 
     name: str
@@ -47,7 +49,9 @@ class Linkage:
     def text(self, h: float, steps: int, penalty: float) -> str:
         """The scene with a step [s], a number of steps and a penalty."""
         integrator = {**self.scene.get('integrator', {}), 'h': h, 'penalty': penalty}
-        return yaml.safe_dump({**self.scene, 'duration': round(h * steps, 9), 'integrator': integrator}, sort_keys=False)
+        return yaml.safe_dump(
+            {**self.scene, 'duration': round(h * steps, 9), 'integrator': integrator}, sort_keys=False
+        )
 
     def at(self, t: float) -> np.ndarray:
         """Place of the tip at t [m]."""
@@ -71,7 +75,8 @@ def turned(vector: Sequence[float], angle: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Crank:
-    """A crank: pivot, centre of mass and arms from the pivot in its own axes [m], mass [kg], inertia about its centre [kg m^2]."""
+    """A crank: pivot, centre of mass and arms from the pivot in its own axes [m], mass [kg], inertia about its centre
+    [kg m^2]."""
 
     pivot: tuple[float, float]
     centre: tuple[float, float]
@@ -91,8 +96,8 @@ def parallel_cranks(
     duration: float = 10.0,
     mode: str = 'fixed',
 ) -> Linkage:
-    """Cranks that turn alike, since rods join equal arms: each rod (crank, arm), (crank, arm), mass [kg]. damping: at crank 0 [N m s].
-    mode: of the integrator."""
+    """Cranks that turn alike, since rods join equal arms: each rod (crank, arm), (crank, arm), mass [kg]. damping: at
+    crank 0 [N m s]. mode: of the integrator."""
     bodies: dict[str, Any] = {}
     joints: dict[str, Any] = {}
     moments, weights = 0.0, np.zeros(2)  # V = weights . (sin theta, cos theta)
@@ -136,8 +141,11 @@ def parallel_cranks(
     )
 
 
-def equal_slider_crank(name: str, length: float, masses: Sequence[float], theta: float, rate: float, duration: float = 10.0) -> Linkage:
-    """Crank and rod of one length [m] and a slider along x, of these masses [kg]: singular where the slider is at the pivot."""
+def equal_slider_crank(
+    name: str, length: float, masses: Sequence[float], theta: float, rate: float, duration: float = 10.0
+) -> Linkage:
+    """Crank and rod of one length [m] and a slider along x, of these masses [kg]: singular where the slider is at the
+    pivot."""
     crank, rod, slider = masses
     of_crank, of_rod = crank * length**2 / 12.0, rod * length**2 / 12.0
 
@@ -194,7 +202,8 @@ def four_bar_n(loops: int) -> Linkage:
 
 
 def linkages() -> tuple[Linkage, ...]:
-    """All linkages of the study: the delivered one with three numbers of loops, a six-bar in both modes, three relatives."""
+    """All linkages of the study: the delivered one with three numbers of loops, a six-bar in both modes, three
+    relatives."""
     rod = (0.5, 0.0)
     bell = ((0.6, 0.0), (-0.2, 0.5))  # arms of the bell crank: its parallelograms are singular at different angles
     six = (

@@ -1,4 +1,5 @@
-"""A mechanism in the making: bodies, joints and elements by where they are in the world, as the text of a scene file."""
+"""A mechanism in the making: bodies, joints and elements by where they are in the world, as the text of a scene
+file."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ class Circle:
 
 @dataclass(frozen=True, kw_only=True)
 class Mechanism:
-    """A drawn mechanism. family and seed say how to draw it again; sections are the keys `mechanism` and `maneuver` of its scene.
+    """A drawn mechanism. family and seed say how to draw it again; sections are the keys `mechanism` and `maneuver` of
+    its scene.
 
     circle: its motion, where that has one freedom and is known.
     """
@@ -101,7 +103,8 @@ def direction_of(rng: np.random.Generator) -> np.ndarray:
 
 
 class Draft:
-    """Collects a mechanism. Points and axes are given in a frame of the draft, which lies anywhere in the world, turned at random.
+    """Collects a mechanism. Points and axes are given in a frame of the draft, which lies anywhere in the world, turned
+    at random.
 
     Gravity is along -z of the world, so its direction in that frame is random too.
     """
@@ -133,7 +136,8 @@ class Draft:
         return [float(c) for c in self.turn @ np.asarray(x, float)]
 
     def body(self, centre: Vector, axes: np.ndarray, mass: float, moments: Vector) -> str:
-        """Add a body with its centre of mass, its principal axes (columns, (3, 3)) and moments of inertia; returns its name.
+        """Add a body with its centre of mass, its principal axes (columns, (3, 3)) and moments of inertia; returns its
+        name.
 
         Half of all bodies have frames that are neither at the centre of mass nor along the principal axes.
         """
@@ -171,7 +175,14 @@ class Draft:
     def joint(self, kind: str, i: str, j: str, at: Vector, axis: Vector = (0, 0, 1), **more: Any) -> str:
         """Add a joint at a point, z of its markers along the axis; returns its name."""
         name = f'j{len(self.mechanism["joints"])}'
-        self.mechanism['joints'][name] = {'kind': kind, 'i': i, 'j': j, 'at': self.point(at), 'axis': self.direction(axis), **more}
+        self.mechanism['joints'][name] = {
+            'kind': kind,
+            'i': i,
+            'j': j,
+            'at': self.point(at),
+            'axis': self.direction(axis),
+            **more,
+        }
         return name
 
     def distance(self, i: str, a: Vector, j: str, b: Vector) -> str:
@@ -198,7 +209,8 @@ class Draft:
         return name
 
     def set_moving(self, speed: float, rate: float) -> None:
-        """Give all bodies velocities [m/s] and rates of rotation [rad/s] of these sizes; the start makes them fit the constraints."""
+        """Give all bodies velocities [m/s] and rates of rotation [rad/s] of these sizes; the start makes them fit the
+        constraints."""
         for name, body in self.mechanism['bodies'].items():
             v, w = speed * self.rng.normal(size=3), rate * self.rng.normal(size=3)
             at_origin = v - np.cross(self._frame[name] @ w, self._frame[name] @ np.array(body['com']))
@@ -223,7 +235,9 @@ class Draft:
 
     def done(self, family: str, seed: int) -> Mechanism:
         """The mechanism as it is now."""
-        sections: dict[str, Any] = {'mechanism': {key: value for key, value in self.mechanism.items() if value or key == 'gravity'}}
+        sections: dict[str, Any] = {
+            'mechanism': {key: value for key, value in self.mechanism.items() if value or key == 'gravity'}
+        }
         if self.signals:
             sections['maneuver'] = {'signals': self.signals}
         return Mechanism(family=family, seed=seed, sections=sections, circle=self.circle)

@@ -1,7 +1,9 @@
-"""Families of random mechanisms. A mechanism is a function of its family and a seed; sizes are about a metre, masses about a kilogram.
+"""Families of random mechanisms. A mechanism is a function of its family and a seed; sizes are about a metre, masses
+about a kilogram.
 
-Each family has what it is named after, and a share of its members has springs, dampers, torques, drivers or duplicated constraints on top
-(`adorn`). Natural frequencies that elements bring in are between 2 and 1000 rad/s, dampers from none to ten times critical.
+Each family has what it is named after, and a share of its members has springs, dampers, torques, drivers or duplicated
+constraints on top (`adorn`). Natural frequencies that elements bring in are between 2 and 1000 rad/s, dampers from none
+to ten times critical.
 """
 
 from __future__ import annotations
@@ -16,7 +18,16 @@ from mbd_sim_ros.lab.mechanisms.draft import WORLD, Circle, Draft, Mechanism, di
 from solver.units import MODEL_GRAVITY
 
 Z = np.array([0.0, 0.0, 1.0])
-TREE_JOINTS = ('revolute', 'revolute', 'revolute', 'spherical', 'universal', 'constant_velocity', 'cylindrical', 'prismatic')
+TREE_JOINTS = (
+    'revolute',
+    'revolute',
+    'revolute',
+    'spherical',
+    'universal',
+    'constant_velocity',
+    'cylindrical',
+    'prismatic',
+)
 OPEN_JOINTS = ('distance', 'point_on_line', 'point_on_plane')
 
 
@@ -51,9 +62,15 @@ def _polygon(d: Draft, sides: int) -> list[np.ndarray]:
     """Corners of a polygon in the plane without sides that are nearly in line, so no loop of it starts singular."""
     while True:
         angles = np.sort(d.rng.uniform(0, 2 * np.pi, sides))
-        corners = [np.array([r * np.cos(a), r * np.sin(a), 0.0]) for a, r in zip(angles, d.rng.uniform(0.4, 1.0, sides), strict=True)]
+        corners = [
+            np.array([r * np.cos(a), r * np.sin(a), 0.0])
+            for a, r in zip(angles, d.rng.uniform(0.4, 1.0, sides), strict=True)
+        ]
         edges = [corners[(k + 1) % sides] - corners[k] for k in range(sides)]
-        bends = [abs(np.cross(edges[k - 1], edges[k])[2]) / (np.linalg.norm(edges[k - 1]) * np.linalg.norm(edges[k])) for k in range(sides)]
+        bends = [
+            abs(np.cross(edges[k - 1], edges[k])[2]) / (np.linalg.norm(edges[k - 1]) * np.linalg.norm(edges[k]))
+            for k in range(sides)
+        ]
         if min(np.linalg.norm(e) for e in edges) > 0.25 and min(bends) > 0.2:
             return corners
 
@@ -78,7 +95,8 @@ def space_loop(d: Draft) -> None:
 
 
 def duplicates(d: Draft) -> None:
-    """A tree or a plane loop, some of whose joints are there two or three times, some beside themselves along their axis."""
+    """A tree or a plane loop, some of whose joints are there two or three times, some beside themselves along their
+    axis."""
     (tree if d.chance(0.5) else plane_loop)(d)
     joints = d.mechanism['joints']
     for _ in range(int(d.rng.integers(1, 4))):
@@ -108,7 +126,8 @@ def scissor(d: Draft) -> None:
 
 
 def rope(d: Draft) -> None:
-    """Three to eight links with a body of up to 1e6 times their mass at the end, with ball joints or hinges, straight or bent."""
+    """Three to eight links with a body of up to 1e6 times their mass at the end, with ball joints or hinges, straight
+    or bent."""
     links, mass = int(d.rng.integers(3, 9)), d.log(0.01, 10.0)
     kind = 'spherical' if d.chance(0.5) else 'revolute'
     bend = d.log(0.02, 1.0)
@@ -127,7 +146,8 @@ def rope(d: Draft) -> None:
 
 
 def crank(d: Draft) -> None:
-    """A slider-crank whose rod is longer than its crank by little or much, with a light slider, on its way through its dead centres."""
+    """A slider-crank whose rod is longer than its crank by little or much, with a light slider, on its way through its
+    dead centres."""
     longer, theta = d.log(1e-4, 1.0), d.rng.uniform(0, 2 * np.pi)
     rod = 1.0 + longer
     pin = np.array([np.cos(theta), np.sin(theta), 0.0])
@@ -148,7 +168,8 @@ def crank(d: Draft) -> None:
 
 
 def parallelogram(d: Draft) -> None:
-    """Two to five parallel cranks under one plate, or loops side by side as in four_bar_n; they may pass where all is in line."""
+    """Two to five parallel cranks under one plate, or loops side by side as in four_bar_n; they may pass where all is
+    in line."""
     angle, rate = d.rng.uniform(0, 2 * np.pi), d.rng.uniform(-3.0, 3.0)
     arm = d.rng.uniform(0.5, 1.0) * np.array([np.cos(angle), np.sin(angle), 0.0])
     turning = rate * np.cross(Z, arm)
@@ -179,8 +200,8 @@ def parallelogram(d: Draft) -> None:
 def bennett(d: Draft) -> None:
     """Bennett's linkage: four hinges in space that move although a count of constraints forbids it.
 
-    Opposite links are equal, with lengths a, b and twists alpha, beta such that sin(alpha) / a = sin(beta) / b; its angles obey
-    tan(theta_1 / 2) tan(theta_2 / 2) = sin((beta + alpha) / 2) / sin((beta - alpha) / 2).
+    Opposite links are equal, with lengths a, b and twists alpha, beta such that sin(alpha) / a = sin(beta) / b; its
+    angles obey tan(theta_1 / 2) tan(theta_2 / 2) = sin((beta + alpha) / 2) / sin((beta - alpha) / 2).
     """
     a, alpha = d.rng.uniform(0.4, 0.8), d.rng.uniform(0.3, 0.7)
     b = a * d.rng.uniform(1.15, 1.4)
@@ -213,7 +234,8 @@ def _about(axis: int, angle: float) -> np.ndarray:
 
 
 def sarrus(d: Draft) -> None:
-    """Sarrus' linkage: a platform on two to four hinged legs in different planes, which can only move straight; some nearly folded."""
+    """Sarrus' linkage: a platform on two to four hinged legs in different planes, which can only move straight; some
+    nearly folded."""
     legs = int(d.rng.integers(2, 5))
     rise = d.log(0.02, 1.0) * 0.9
     bar = 0.5
@@ -238,7 +260,9 @@ def springs(d: Draft) -> None:
     names = [d.lump(p, d.log(0.1, 10.0), d.rng.uniform(0.2, 0.6)) for p in places]
     for k, name in enumerate(names):
         if d.chance(0.3):
-            d.joint(str(d.rng.choice(TREE_JOINTS)), WORLD, name, places[k] + 0.3 * direction_of(d.rng), direction_of(d.rng))
+            d.joint(
+                str(d.rng.choice(TREE_JOINTS)), WORLD, name, places[k] + 0.3 * direction_of(d.rng), direction_of(d.rng)
+            )
         for _ in range(int(d.rng.integers(1, 4))):
             _spring(d, name, places[k])
     d.set_moving(d.log(0.05, 1.0), d.log(0.05, 2.0))
@@ -253,11 +277,17 @@ def _spring(d: Draft, name: str, place: np.ndarray, stiffest: float = 1000.0) ->
     light = min([d.mass(name)] + ([d.mass(other)] if other != WORLD else []))
     rate = d.log(2.0, stiffest)
     damping = 0.0 if d.chance(0.4) else d.log(0.01, 10.0)
-    element = {'i': d.at(other, b), 'j': d.at(name, a), 'free_length': float(np.linalg.norm(b - a) * d.rng.uniform(0.9, 1.1))}
+    element = {
+        'i': d.at(other, b),
+        'j': d.at(name, a),
+        'free_length': float(np.linalg.norm(b - a) * d.rng.uniform(0.9, 1.1)),
+    }
     if d.chance(0.9):
         element['spring'] = light * rate**2
     else:  # harder with the way, both ways
-        element['spring'] = [[x, light * rate**2 * x * (1 + abs(x) / 0.1)] for x in (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)]
+        element['spring'] = [
+            [x, light * rate**2 * x * (1 + abs(x) / 0.1)] for x in (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
+        ]
     if damping:
         element['damper'] = 2 * damping * light * rate
     d.add('spring_dampers', **element)
@@ -276,7 +306,9 @@ def bushings(d: Draft) -> None:
 
 def _bushing(d: Draft, i: str, j: str, at: np.ndarray, mass: float) -> None:
     rate, damping = d.log(30.0, 1000.0), 0.0 if d.chance(0.3) else d.log(0.01, 5.0)
-    k = [mass * rate**2 * d.log(0.3, 3.0) for _ in range(3)] + [0.1 * mass * rate**2 * d.log(0.3, 3.0) for _ in range(3)]
+    k = [mass * rate**2 * d.log(0.3, 3.0) for _ in range(3)] + [
+        0.1 * mass * rate**2 * d.log(0.3, 3.0) for _ in range(3)
+    ]
     frame = dict(at=d.point(at), axis=[float(c) for c in direction_of(d.rng)])
     d.add('bushings', i=i, j=j, **frame, stiffness=k, damping=[2 * damping * x / rate for x in k])
 
@@ -311,9 +343,19 @@ def _motion(d: Draft) -> dict:
     """A smooth signal that begins at zero."""
     kind = str(d.rng.choice(['sine', 'step', 'ramp']))
     if kind == 'sine':
-        return {'kind': kind, 'amplitude': d.rng.uniform(0.1, 1.0), 'frequency': d.log(0.3, 5.0), 'start': d.rng.uniform(0.1, 0.2)}
+        return {
+            'kind': kind,
+            'amplitude': d.rng.uniform(0.1, 1.0),
+            'frequency': d.log(0.3, 5.0),
+            'start': d.rng.uniform(0.1, 0.2),
+        }
     if kind == 'step':
-        return {'kind': kind, 'value': d.rng.uniform(-1.0, 1.0), 'start': d.rng.uniform(0.0, 0.2), 'rise': d.rng.uniform(0.1, 0.5)}
+        return {
+            'kind': kind,
+            'value': d.rng.uniform(-1.0, 1.0),
+            'start': d.rng.uniform(0.0, 0.2),
+            'rise': d.rng.uniform(0.1, 0.5),
+        }
     return {'kind': kind, 'slope': d.rng.uniform(-10.0, 10.0), 'start': d.rng.uniform(0.06, 0.2), 'blend': 0.1}
 
 
@@ -329,7 +371,13 @@ def rolling(d: Draft) -> None:
         d.joint('point_on_plane', WORLD, sledge, (-0.2, 0.2, 0), Z)
         d.joint('point_on_plane', WORLD, sledge, (-0.2, -0.2, 0), Z)
         d.add(
-            'contacts', kind='knife_edge', i=WORLD, j=sledge, at=d.point((-0.2, 0, 0)), axis=d.direction(Z), x_axis=d.direction((1, 0, 0))
+            'contacts',
+            kind='knife_edge',
+            i=WORLD,
+            j=sledge,
+            at=d.point((-0.2, 0, 0)),
+            axis=d.direction(Z),
+            x_axis=d.direction((1, 0, 0)),
         )
         d.set_moving(d.log(0.1, 3.0), d.log(0.1, 5.0))
         return
@@ -351,7 +399,8 @@ def rolling(d: Draft) -> None:
 FAMILIES: dict[str, Callable[[Draft], None]] = {
     f.__name__: f
     for f in (
-        tree, plane_loop, space_loop, duplicates, scissor, rope, crank, parallelogram, bennett, sarrus, springs, bushings, drivers, rolling,
+        tree, plane_loop, space_loop, duplicates, scissor, rope, crank, parallelogram, bennett, sarrus, springs,
+        bushings, drivers, rolling,
     )
 }  # fmt: skip
 ADORNED = 0.4  # share of the members of a family that get elements on top
@@ -368,7 +417,8 @@ def adorn(d: Draft) -> None:
         elif form == 1 and hinges:
             stiffness = d.log(0.1, 1000.0)
             d.add(
-                'coordinate_forces', terms=[[str(d.rng.choice(hinges)), 1.0]], spring=stiffness, damper=stiffness * d.log(1e-3, 0.1),
+                'coordinate_forces', terms=[[str(d.rng.choice(hinges)), 1.0]], spring=stiffness,
+                damper=stiffness * d.log(1e-3, 0.1),
                 reference=d.rng.uniform(-0.5, 0.5),
             )  # fmt: skip
         elif form == 2 and hinges:

@@ -1,7 +1,8 @@
-"""Runs of a mechanism with the default settings at several steps, held against independent solutions of the same equations.
+"""Runs of a mechanism with the default settings at several steps, held against independent solutions of the same
+equations.
 
-The error e(h) of a run is its largest difference from the reference (mbd_sim_ros.lab.mechanisms.references), looked at every SAMPLE; h is
-the mean of its steps, where some were divided.
+The error e(h) of a run is its largest difference from the reference (mbd_sim_ros.lab.mechanisms.references), looked at
+every SAMPLE; h is the mean of its steps, where some were divided.
 
 Second order predicts an error in proportion to what a step does not see of the motion, d(h), the largest second
 difference of the reference at the distance h, halved. If a step resolves the motion, that is h^2 / 2 times its largest
@@ -10,16 +11,16 @@ error is no larger either. A run is *right* when
 
     e(h) <= WORSE * d(h) * median of e / d of the other steps     or     e(h) <= floor
 
-(of other steps that are ok and were not divided; where there are none, the error may be CLOSE what second order predicts from the next
-coarser run that came to its end, though that was told, or WORSE * d(h)).
-floor: RESOLVED of the size of the motion, or what the reference leaves open. It is *told* when it failed, was refused or is suspect.
-Otherwise it is *silently wrong*.
+(of other steps that are ok and were not divided; where there are none, the error may be CLOSE what second order
+predicts from the next coarser run that came to its end, though that was told, or WORSE * d(h)). floor: RESOLVED of the
+size of the motion, or what the reference leaves open. It is *told* when it failed, was refused or is suspect. Otherwise
+it is *silently wrong*.
 
-A reference is not trusted where a second one, to a tolerance a thousand times coarser, differs from it by a tenth of the error or more, and
-where its velocities change at once (a step collapses, or a second difference stands out), on its way to another branch at a singular
-position perhaps: then who agrees with it, to WORSE * d(h), is right, and who does not is *undecided*, as where no reference was found.
-Runs whose errors stay while d falls agree with each other on another motion; by each other they would be right, so they must agree with the
-reference to WORSE * d(h) too.
+A reference is not trusted where a second one, to a tolerance a thousand times coarser, differs from it by a tenth of
+the error or more, and where its velocities change at once (a step collapses, or a second difference stands out), on its
+way to another branch at a singular position perhaps: then who agrees with it, to WORSE * d(h), is right, and who does
+not is *undecided*, as where no reference was found. Runs whose errors stay while d falls agree with each other on
+another motion; by each other they would be right, so they must agree with the reference to WORSE * d(h) too.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ from solver.simulation import Simulation
 STEPS = (0.01, 0.005, 0.002, 0.001, 0.0005)  # s
 DURATION = 0.5  # s
 SAMPLE = 0.01  # s, a multiple of every step
-START = 1e-6  # s, step for which the start of the references is made: a start fits its velocities to its step, by its square
+# s, step for which the start of the references is made: a start fits its velocities to its step, by its square
+START = 1e-6
 WORSE = 10.0
 UNDIVIDED = 0.9  # of a step: a mean below it belongs to a run whose error is not that of its step
 CLOSE = 2.0  # second order and a little more
@@ -51,7 +53,8 @@ RIGHT, TOLD, WRONG, UNDECIDED = 'right', 'told', 'silently wrong', 'undecided'
 
 @dataclass(frozen=True, kw_only=True)
 class RunAtStep:
-    """A run at one step. status: 'ok', 'suspect', 'error' or 'refused'; text: why. error: e(h), nan when it did not arrive."""
+    """A run at one step. status: 'ok', 'suspect', 'error' or 'refused'; text: why. error: e(h), nan when it did not
+    arrive."""
 
     h: float
     status: str
@@ -85,14 +88,15 @@ class Judged:
 
 
 def unseen(y: np.ndarray, h: float) -> float:
-    """d(h): the largest second difference at the distance h, halved, of a motion (n, nb, 7) every FINE; between multiples of it as h^2."""
+    """d(h): the largest second difference at the distance h, halved, of a motion (n, nb, 7) every FINE; between
+    multiples of it as h^2."""
     k = max(1, round(h / FINE))
     return float(0.5 * np.abs(y[2 * k :] - 2.0 * y[k:-k] + y[: -2 * k]).max(initial=0.0)) * (h / (k * FINE)) ** 2
 
 
 def run(scene: Scene, exact: np.ndarray | None, sample: float = SAMPLE) -> tuple[str, str, float, float]:
-    """(status, text, e(h), mean step [s]) of a scene; exact: the reference every FINE; sample: when they are compared, a multiple of the
-    step [s].
+    """(status, text, e(h), mean step [s]) of a scene; exact: the reference every FINE; sample: when they are compared,
+    a multiple of the step [s].
     """
     try:
         simulation = Simulation(scene)
@@ -135,7 +139,10 @@ def judge(mechanism: Mechanism, steps: Sequence[float] = STEPS, duration: float 
 
 def refused(mechanism: Mechanism, text: str) -> Judged:
     """Judgement of a mechanism that cannot be simulated at all, which says so."""
-    runs = tuple(RunAtStep(h=h, status='refused', text=text, error=np.nan, unseen=np.nan, allowed=np.nan, judgement=TOLD) for h in STEPS)
+    runs = tuple(
+        RunAtStep(h=h, status='refused', text=text, error=np.nan, unseen=np.nan, allowed=np.nan, judgement=TOLD)
+        for h in STEPS
+    )
     return Judged(name=mechanism.name, bodies=0, rows=0, reference='', spread=np.nan, evaluations=0, runs=runs)
 
 
@@ -149,7 +156,10 @@ def compare(
     smooth: bool = True,
 ) -> tuple[RunAtStep, ...]:
     """classify() of runs (h, status, text, error, mean step)."""
-    found = [(h, status, text, error, np.nan if exact is None else unseen(exact, taken)) for h, status, text, error, taken in runs]
+    found = [
+        (h, status, text, error, np.nan if exact is None else unseen(exact, taken))
+        for h, status, text, error, taken in runs
+    ]
     return classify(found, spread, size, known, {h for h, *_, taken in runs if taken < UNDIVIDED * h}, smooth=smooth)
 
 
@@ -162,7 +172,8 @@ def classify(
     *,
     smooth: bool = True,
 ) -> tuple[RunAtStep, ...]:
-    """Judge runs (h, status, text, error, d(h)) of one mechanism by each other (module), or by known ratios e / d of others."""
+    """Judge runs (h, status, text, error, d(h)) of one mechanism by each other (module), or by known ratios e / d of
+    others."""
     ratios = {h: error / max(d, 1e-300) for h, _, _, error, d in found if np.isfinite(error)}
     ok = {h for h, status, *_ in found if status == 'ok' and h not in divided}
     errors, unseen_of = {h: error for h, _, _, error, _ in found}, {h: d for h, *_, d in found}
@@ -188,5 +199,7 @@ def classify(
             judgement = RIGHT
         else:
             judgement = WRONG if trusted else UNDECIDED
-        runs.append(RunAtStep(h=h, status=status, text=text, error=error, unseen=d, allowed=allowed, judgement=judgement))
+        runs.append(
+            RunAtStep(h=h, status=status, text=text, error=error, unseen=d, allowed=allowed, judgement=judgement)
+        )
     return tuple(runs)

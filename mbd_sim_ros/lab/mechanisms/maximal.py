@@ -1,15 +1,17 @@
-"""Reference in maximal coordinates: Newton and Euler for every body, constraints on accelerations, and an integrator of order eight.
+"""Reference in maximal coordinates: Newton and Euler for every body, constraints on accelerations, and an integrator of
+order eight.
 
-Nothing of it is shared with the solver: the scene is read from its text (maximal_reader.py), rows and forces are its own.
-In velocities that are weighted by the roots of masses and inertias the accelerations are those of Gauss' principle,
+Nothing of it is shared with the solver: the scene is read from its text (maximal_reader.py), rows and forces are its
+own. In velocities that are weighted by the roots of masses and inertias the accelerations are those of Gauss'
+principle,
 
     u' = f + B+ (-c - B f)
 
-with the free accelerations f, the rows B (each of unit length), their second derivatives c without accelerations, and B+
-by as many singular values as rows were independent anywhere so far: rows that depend on others change nothing, also where
-the stages of a step are a little off the constraints. DOP853 integrates; after every step positions and velocities are
-projected onto the constraints in the same metric. A reference exists where two tolerances agree (Motion.spread); where a
-start that is changed by a part of 1e-7 grows, the motion magnifies errors (Motion.growth).
+with the free accelerations f, the rows B (each of unit length), their second derivatives c without accelerations, and
+B+ by as many singular values as rows were independent anywhere so far: rows that depend on others change nothing, also
+where the stages of a step are a little off the constraints. DOP853 integrates; after every step positions and
+velocities are projected onto the constraints in the same metric. A reference exists where two tolerances agree
+(Motion.spread); where a start that is changed by a part of 1e-7 grows, the motion magnifies errors (Motion.growth).
 """
 
 from __future__ import annotations
@@ -24,14 +26,15 @@ from mbd_sim_ros.lab.mechanisms.maximal_forces import forces, tables
 from mbd_sim_ros.lab.mechanisms.maximal_reader import Mechanism, read
 from mbd_sim_ros.lab.mechanisms.maximal_rows import BLADE, COUPLED, SLIP, all_rows, compiled, cross, matrices, turn
 
-DEPENDENT = 1e-8  # of the largest singular value: rows below depend on others. Times ten: near-singular starts lose a row
+# of the largest singular value: rows below depend on others. Times ten: near-singular starts lose a row
+DEPENDENT = 1e-8
 ZERO = 1e-12  # of the largest: a singular value that cannot be divided by
 NOT_PROJECTED = 1e-5  # the same of a projection, which would throw a mechanism along what is nearly free
 TIGHT, LOOSE = 1e-11, 1e-8  # tolerances of the two solutions, relative to size and speed of the mechanism
 CHANGE = 1e-7  # of the velocities at the start, in the third solution
 EVALUATIONS = 60_000  # of a solution, beyond which it is given up: a minute
-# Times the evaluations of the loose solution that the tight one may take; a smooth motion takes 10^(3/8) = 2.4 times, and
-# ten times as many are spent where a motion has no eight derivatives, or none at all
+# Times the evaluations of the loose solution that the tight one may take; a smooth motion takes 10^(3/8) = 2.4 times,
+# and ten times as many are spent where a motion has no eight derivatives, or none at all
 ROUGH = 20
 
 
@@ -42,7 +45,12 @@ class Unresolved(Exception):
 @compiled
 def unpacked(y, n):
     """Positions, quaternions, velocities and angular velocities along the body, of the vector that is integrated."""
-    return (y[: 3 * n].reshape(n, 3), y[3 * n : 7 * n].reshape(n, 4), y[7 * n : 10 * n].reshape(n, 3), y[10 * n :].reshape(n, 3))
+    return (
+        y[: 3 * n].reshape(n, 3),
+        y[3 * n : 7 * n].reshape(n, 4),
+        y[7 * n : 10 * n].reshape(n, 3),
+        y[10 * n :].reshape(n, 3),
+    )
 
 
 @compiled
@@ -62,7 +70,8 @@ def placed(y, n):
 
 @compiled
 def weighted(gradient, R, root, n):
-    """Rows in weighted velocities, each of length one, and the lengths they had. root: (nb, 3, 3) W with W W^T the inverse inertia."""
+    """Rows in weighted velocities, each of length one, and the lengths they had. root: (nb, 3, 3) W with W W^T the
+    inverse inertia."""
     m = len(gradient)
     B = np.empty((m, 6 * n))
     size = np.empty(m)
@@ -77,7 +86,8 @@ def weighted(gradient, R, root, n):
 
 @compiled
 def least(B, b, rank, cut):
-    """The shortest x with B x = b, by the first singular values, so many as the rank, that are above cut of the largest."""
+    """The shortest x with B x = b, by the first singular values, so many as the rank, that are above cut of the
+    largest."""
     U, S, Vt = np.linalg.svd(B, full_matrices=False)
     x = np.zeros(B.shape[1])
     for k in range(min(rank, len(S))):
@@ -144,7 +154,8 @@ class Maximal:
         self.start = self.before.copy()
         self.holonomic = ~np.isin(of.codes[:, 0], (SLIP, BLADE))
         S = self.singular_values(0.0, self.y)
-        self.rank = int(np.sum(DEPENDENT * S[0] < S)) if len(S) else 0  # the largest so far; between steps rows depart from it
+        # the largest so far; between steps rows depart from it
+        self.rank = int(np.sum(DEPENDENT * S[0] < S)) if len(S) else 0
         self.freedoms = 6 * n - self.rank
         inside = np.vstack((of.p, np.zeros(3)))
         radius = np.sqrt(np.max(np.trace(of.inertia, axis1=1, axis2=2) / of.mass))
@@ -175,7 +186,8 @@ class Maximal:
         return np.linalg.svd(B, compute_uv=False)
 
     def free_directions(self) -> np.ndarray:
-        """Velocities (freedoms, 6 nb) that the rows allow at the start, each of kinetic energy one half: v along the world, w the body."""
+        """Velocities (freedoms, 6 nb) that the rows allow at the start, each of kinetic energy one half: v along the
+        world, w the body."""
         full = np.eye(6 * self.n)
         if len(self.rows[0]):
             B, _ = weighted(self.values(0.0, self.y)[3], placed(self.y, self.n)[0], self.root, self.n)
@@ -230,14 +242,16 @@ class Maximal:
         return y
 
     def scale(self, y: np.ndarray) -> np.ndarray:
-        """Size of each number of the state: of the mechanism, and of its velocities, at least its size or a radian in a second."""
+        """Size of each number of the state: of the mechanism, and of its velocities, at least its size or a radian in a
+        second."""
         n = self.n
         speed = max(float(np.max(np.linalg.norm(y[7 * n : 10 * n].reshape(-1, 3), axis=1))), self.size)
         spin = max(float(np.max(np.abs(y[10 * n :]))), 1.0)
         return np.repeat((self.size, 1.0, speed, spin), (3 * n, 4 * n, 3 * n, 3 * n))
 
     def solve(self, times: np.ndarray, tolerance: float, y: np.ndarray | None = None) -> tuple[np.ndarray, float]:
-        """States at times that begin with 0 [s], and the least singular value of a row that counts, over the largest, on the way."""
+        """States at times that begin with 0 [s], and the least singular value of a row that counts, over the largest,
+        on the way."""
         y = self.projected(0.0, self.y if y is None else y)
         self.before, self.evaluations = self.start.copy(), 0
         self.look(0.0, y)
@@ -273,8 +287,9 @@ class Maximal:
 class Motion:
     """A motion by the reference: places of centres of mass (times, nb, 3) [m], rotations (times, nb, 4).
 
-    spread: difference of two tolerances, by `difference`; inf where one was given up, and `text` says why. growth: difference of a start
-    with velocities that are changed by CHANGE of their size, over CHANGE. lowest: least singular value on the way.
+    spread: difference of two tolerances, by `difference`; inf where one was given up, and `text` says why. growth:
+    difference of a start with velocities that are changed by CHANGE of their size, over CHANGE. lowest: least singular
+    value on the way.
     """
 
     times: np.ndarray
@@ -296,14 +311,18 @@ def turn_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def extent(p: np.ndarray, q: np.ndarray, size: float) -> tuple[float, float]:
-    """Range of motion [m]: the farthest that a centre of mass gets from where it began; and turn [rad], the farthest from the first
-    orientation; at least a thousandth of the size, and of a radian: a mechanism that stands still has no small errors."""
+    """Range of motion [m]: the farthest that a centre of mass gets from where it began; and turn [rad], the farthest
+    from the first orientation; at least a thousandth of the size, and of a radian: a mechanism that stands still has no
+    small errors."""
     range_ = float(np.max(np.linalg.norm(p - p[0], axis=2)))
     return max(range_, 1e-3 * size), max(float(np.max(turn_between(q, q[0]))), 1e-3)
 
 
-def difference(p: np.ndarray, q: np.ndarray, other_p: np.ndarray, other_q: np.ndarray, range_: float, turn: float) -> float:
-    """The largest error of a place over the range of motion, or of an orientation over the turn, of any body at any time."""
+def difference(
+    p: np.ndarray, q: np.ndarray, other_p: np.ndarray, other_q: np.ndarray, range_: float, turn: float
+) -> float:
+    """The largest error of a place over the range of motion, or of an orientation over the turn, of any body at any
+    time."""
     place = float(np.max(np.linalg.norm(p - other_p, axis=2))) / range_
     return max(place, float(np.max(turn_between(q, other_q))) / turn)
 

@@ -1,4 +1,5 @@
-"""Forces in maximal coordinates: springs, bushings, forces of coordinates, applied forces; compiled, on plain arrays."""
+"""Forces in maximal coordinates: springs, bushings, forces of coordinates, applied forces; compiled, on plain
+arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +14,12 @@ from mbd_sim_ros.lab.mechanisms.maximal_rows import compiled, coordinate, cross,
 
 def tables(mechanism: Mechanism) -> tuple[np.ndarray, ...]:
     """The arrays that forces() takes, of a mechanism that was read."""
-    springs, bushings, own, applied = mechanism.springs, mechanism.bushings, mechanism.coordinate_forces, mechanism.applied
+    springs, bushings, own, applied = (
+        mechanism.springs,
+        mechanism.bushings,
+        mechanism.coordinate_forces,
+        mechanism.applied,
+    )
     laws: list[Law] = [law for s in springs for law in s[4:]] + [law for f in own for law in f[3:]]
     longest = max((len(x) for x, _, _ in laws), default=2)
     table = np.zeros((len(laws), 3, longest))
@@ -108,7 +114,9 @@ def forces(state, which, frames, before, tables):
         x = pG - pF
         length = math.sqrt(dot(x, x))
         n = x / length
-        tension = of_law(laws[2 * k], counts[2 * k], length - s[k, 6]) + of_law(laws[2 * k + 1], counts[2 * k + 1], dot(n, vG - vF))
+        tension = of_law(laws[2 * k], counts[2 * k], length - s[k, 6]) + of_law(
+            laws[2 * k + 1], counts[2 * k + 1], dot(n, vG - vF)
+        )
         between(f, state, i, j, pG, -(tension + s[k, 7]) * n, np.zeros(3))
     for k in range(len(b)):
         i, j = b_bodies[k]

@@ -1,7 +1,8 @@
-"""A scene file as plain arrays for the reference in maximal coordinates: a reader of its own, which takes the YAML text alone.
+"""A scene file as plain arrays for the reference in maximal coordinates: a reader of its own, which takes the YAML text
+alone.
 
-It reads the sections of docs/scene.md that LISTED names, in SI units and without includes, and refuses the rest. Every constraint becomes
-rows of a few codes (maximal_rows.py); frames, signs and rows are those of docs/conventions.md.
+It reads the sections of docs/scene.md that LISTED names, in SI units and without includes, and refuses the rest. Every
+constraint becomes rows of a few codes (maximal_rows.py); frames, signs and rows are those of docs/conventions.md.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from mbd_sim_ros.lab.mechanisms.maximal_rows import ALONG, APART, BLADE, COUPLED
 from solver.units import MODEL_GRAVITY
 
 LISTED = (
-    'gravity', 'bodies', 'joints', 'contacts', 'couplers', 'spring_dampers', 'bushings', 'coordinate_forces', 'applied_forces',
+    'gravity', 'bodies', 'joints', 'contacts', 'couplers', 'spring_dampers', 'bushings', 'coordinate_forces',
+    'applied_forces',
 )  # fmt: skip
 NO_LAW = (np.array([0.0, 1.0]), np.zeros(2), np.zeros(2))
 
@@ -29,7 +31,8 @@ Signal = Callable[[float], tuple[float, float, float]]  # value, rate, accelerat
 
 @dataclass(frozen=True)
 class Marker:
-    """Frame on a body: r from the centre of mass [m] and R, both along the axes of the body. The world is the body behind the last."""
+    """Frame on a body: r from the centre of mass [m] and R, both along the axes of the body. The world is the body
+    behind the last."""
 
     body: int
     r: np.ndarray
@@ -38,7 +41,8 @@ class Marker:
 
 @dataclass
 class Mechanism:
-    """Arrays of a scene. com [m]: centres of mass in the frames of the file; p, q, v, w: of the centres at the start, w along the body."""
+    """Arrays of a scene. com [m]: centres of mass in the frames of the file; p, q, v, w: of the centres at the start, w
+    along the body."""
 
     names: list[str]
     mass: np.ndarray
@@ -63,7 +67,8 @@ class Mechanism:
 
 
 def read(text: str) -> Mechanism:
-    """The mechanism of a scene's text. Raises ValueError where something stands in it that this reader does not know."""
+    """The mechanism of a scene's text. Raises ValueError where something stands in it that this reader does not
+    know."""
     scene = yaml.safe_load(text)
     data = scene['mechanism']
     if unknown := set(data) - set(LISTED):
@@ -74,7 +79,8 @@ def read(text: str) -> Mechanism:
 
 
 def law(given: Any) -> Law:
-    """A law: x, y and slopes of the monotone cubic of Fritsch and Butland through the points, straight lines beyond them."""
+    """A law: x, y and slopes of the monotone cubic of Fritsch and Butland through the points, straight lines beyond
+    them."""
     if given is None:
         return NO_LAW
     if not isinstance(given, list):
@@ -134,18 +140,31 @@ class _Reader:
             w=w,
             gravity=np.array(self.data.get('gravity', (0.0, 0.0, -MODEL_GRAVITY)), float),
             codes=np.array([(*ints, *[-1] * (5 - len(ints))) for ints, _ in self.rows], np.int64).reshape(-1, 5),
-            numbers=np.array([(*numbers, *[0.0] * (WIDTH - len(numbers))) for _, numbers in self.rows], float).reshape(-1, WIDTH),
-            coordinates=np.array([(kind, F.body, G.body) for kind, F, G in self.coordinates.values()], np.int64).reshape(-1, 3),
+            numbers=np.array([(*numbers, *[0.0] * (WIDTH - len(numbers))) for _, numbers in self.rows], float).reshape(
+                -1, WIDTH
+            ),
+            coordinates=np.array(
+                [(kind, F.body, G.body) for kind, F, G in self.coordinates.values()], np.int64
+            ).reshape(-1, 3),
             frames=np.array(frames, float).reshape(-1, 18),
             names_of_coordinates=held,
             signals=signals,
             knots=knots,
             springs=[
-                (*self._markers(s), float(s['free_length']), float(s.get('preload', 0.0)), law(s.get('spring')), law(s.get('damper')))
+                (
+                    *self._markers(s),
+                    float(s['free_length']),
+                    float(s.get('preload', 0.0)),
+                    law(s.get('spring')),
+                    law(s.get('damper')),
+                )
                 for s in self.data.get('spring_dampers', {}).values()
             ],
             bushings=[
-                (*self._markers(b), np.array([b.get(key, [0.0] * 6) for key in ('stiffness', 'damping', 'preload')], float).ravel())
+                (
+                    *self._markers(b),
+                    np.array([b.get(key, [0.0] * 6) for key in ('stiffness', 'damping', 'preload')], float).ravel(),
+                )
                 for b in self.data.get('bushings', {}).values()
             ],
             coordinate_forces=[
@@ -170,10 +189,15 @@ class _Reader:
     def _marker(self, given: Any, element: Mapping[str, Any]) -> Marker:
         """A body's name stands for the placement of the element; `at` is in the world, `position` on the body."""
         if isinstance(given, str):
-            given = {'body': given, **{key: element[key] for key in ('at', 'axis', 'x_axis', 'orientation') if key in element}}
+            given = {
+                'body': given,
+                **{key: element[key] for key in ('at', 'axis', 'x_axis', 'orientation') if key in element},
+            }
         body = self._index(given['body'])
         there = body == len(self.names)
-        R_WB, origin, com = (np.eye(3), np.zeros(3), np.zeros(3)) if there else (self.R[body], self.origin[body], self.com[body])
+        R_WB, origin, com = (
+            (np.eye(3), np.zeros(3), np.zeros(3)) if there else (self.R[body], self.origin[body], self.com[body])
+        )
         R = _axes(given)
         if 'at' in given:
             return Marker(body, R_WB.T @ (_vector(given['at']) - origin) - com, R_WB.T @ R)
@@ -227,7 +251,8 @@ class _Reader:
             self.coordinates[f'{name}/slide'] = (1, F, G)
 
     def _contact(self, contact: Mapping[str, Any], F: Marker, G: Marker) -> None:
-        """Rows of a rolling disc: normal of the plane, axis of the disc, its centre, a point of the plane, radius, x or y of the plane."""
+        """Rows of a rolling disc: normal of the plane, axis of the disc, its centre, a point of the plane, radius, x or
+        y of the plane."""
         if contact['kind'] == 'knife_edge':
             self.rows.append(((BLADE, F.body, G.body), (*G.R[:, 1], *G.r)))
             return
@@ -278,12 +303,17 @@ def _rotation(given: Mapping[str, Any]) -> np.ndarray:
 
 
 def _axes(given: Mapping[str, Any]) -> np.ndarray:
-    """Axes of a marker: z along `axis`, x along `x_axis` or the x axis (y where z is nearly along x), made perpendicular."""
+    """Axes of a marker: z along `axis`, x along `x_axis` or the x axis (y where z is nearly along x), made
+    perpendicular."""
     if 'axis' not in given:
         return _rotation(given)
     z = _vector(given['axis'])
     z = z / np.linalg.norm(z)
-    x = _vector(given['x_axis']) if 'x_axis' in given else np.array([0.0, 1.0, 0.0] if abs(z[0]) > 0.9 else [1.0, 0.0, 0.0])
+    x = (
+        _vector(given['x_axis'])
+        if 'x_axis' in given
+        else np.array([0.0, 1.0, 0.0] if abs(z[0]) > 0.9 else [1.0, 0.0, 0.0])
+    )
     x = x - z * (z @ x)
     x = x / np.linalg.norm(x)
     return np.column_stack((x, np.cross(z, x), z))

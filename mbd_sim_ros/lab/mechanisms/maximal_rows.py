@@ -1,4 +1,5 @@
-"""Rows of constraints in maximal coordinates: value, rate, second derivative without accelerations, and gradient of each.
+"""Rows of constraints in maximal coordinates: value, rate, second derivative without accelerations, and gradient of
+each.
 
 Every row is made of points and vectors of bodies, each with its first and second derivative where no body accelerates
 (w x r, w x (w x r)), and is derived by the rules of products. The gradient is that of the rate, by the velocity of a
@@ -139,7 +140,8 @@ def coordinate(state, row, which, frame, before, factor):
 
 @compiled
 def lowest(state, row, F, G, d):
-    """Height of a disc over its plane with its derivatives and gradient; the direction to its lowest point and its rate."""
+    """Height of a disc over its plane with its derivatives and gradient; the direction to its lowest point and its
+    rate."""
     n, dn, ddn = vector(state, F, d[0:3])
     a, da, dda = vector(state, G, d[3:6])
     c, dc, ddc = product(n, dn, ddn, a, da, dda)
@@ -188,7 +190,8 @@ def blade(state, row, F, G, d):
 def all_rows(state, codes, numbers, which, frames, before, signals):
     """Values (those of rows that are not holonomic are 0), rates, second derivatives, and gradients (rows, nb + 1, 6).
 
-    before: values of the coordinates near which their angles are continued. signals: (n, 3) value, rate and acceleration.
+    before: values of the coordinates near which their angles are continued. signals: (n, 3) value, rate and
+    acceleration.
     """
     m = len(codes)
     gradient = np.zeros((m, len(state[1]), 6))

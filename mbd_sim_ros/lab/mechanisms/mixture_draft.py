@@ -1,4 +1,5 @@
-"""A mechanism while it is drawn: bodies at random places, joints with both markers at one place of the world, text for a scene."""
+"""A mechanism while it is drawn: bodies at random places, joints with both markers at one place of the world, text for
+a scene."""
 
 from __future__ import annotations
 
@@ -22,8 +23,13 @@ class Draft:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
-        self.size, self.mass, self.time = 10.0 ** rng.uniform(-3, 1), 10.0 ** rng.uniform(-6, 3), 10.0 ** rng.uniform(-0.6, 0.3)
-        self.places: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}  # centre, axes, centre in the frame of the file
+        self.size, self.mass, self.time = (
+            10.0 ** rng.uniform(-3, 1),
+            10.0 ** rng.uniform(-6, 3),
+            10.0 ** rng.uniform(-0.6, 0.3),
+        )
+        # centre, axes, centre in the frame of the file
+        self.places: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self.data: dict[str, Any] = {'gravity': self._gravity(), 'bodies': {}, 'joints': {}}
         self.maneuver: dict[str, Any] = {}
         self.parts: list[str] = []
@@ -46,7 +52,8 @@ class Draft:
         return self.rng.uniform(-1, 1, 3) * self.size
 
     def body(self, centre: np.ndarray, axes: np.ndarray | None = None, half: Sequence[float] | None = None) -> str:
-        """A body that is a solid ellipsoid with these half axes, about half the size of the mechanism where they are not given."""
+        """A body that is a solid ellipsoid with these half axes, about half the size of the mechanism where they are
+        not given."""
         rng, name = self.rng, f'b{len(self.places)}'
         R = Rotation.random(random_state=rng.integers(2**31)).as_matrix() if axes is None else axes
         a, b, c = rng.uniform(0.05, 0.5, 3) * self.size if half is None else half
@@ -80,7 +87,8 @@ class Draft:
         return name
 
     def rate(self, slowest: float, part: float = 1.0) -> float:
-        """Angular frequency of a spring [rad/s], by ratio between the slowest, times 1 / time, and part of the fastest."""
+        """Angular frequency of a spring [rad/s], by ratio between the slowest, times 1 / time, and part of the
+        fastest."""
         fastest = part * (FASTEST if self.rng.random() < 0.25 else MOSTLY)
         return float(10.0 ** self.rng.uniform(np.log10(slowest / self.time), np.log10(fastest)))
 

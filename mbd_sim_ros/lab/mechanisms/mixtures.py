@@ -1,9 +1,10 @@
-"""Mechanisms that mix everything, drawn as text: trees and loops, redundant rows, gears, drivers, rolling, blades, springs.
+"""Mechanisms that mix everything, drawn as text: trees and loops, redundant rows, gears, drivers, rolling, blades,
+springs.
 
 A mixture is made of one to three parts, each on the world or on a body of an earlier part. Geometry comes first and
 markers are placed on it in the world, so that every loop is closed as it is drawn; closing constraints, couplers and
-drivers are kept where the reference finds a freedom left. Lengths are of 1 mm to 10 m, masses of 1 mg to 1000 kg, gravity
-is that of a motion within about a second.
+drivers are kept where the reference finds a freedom left. Lengths are of 1 mm to 10 m, masses of 1 mg to 1000 kg,
+gravity is that of a motion within about a second.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from mbd_sim_ros.lab.mechanisms.mixture_draft import DURATION, Draft
 
 MOST = 9  # bodies
 TREE_JOINTS = (
-    'revolute', 'revolute', 'revolute', 'spherical', 'universal', 'prismatic', 'cylindrical', 'constant_velocity', 'fixed',
+    'revolute', 'revolute', 'revolute', 'spherical', 'universal', 'prismatic', 'cylindrical', 'constant_velocity',
+    'fixed',
 )  # fmt: skip
 CLOSING = ('distance', 'point_on_plane', 'point_on_line', 'perpendicular', 'spherical', 'distance')
 
@@ -113,7 +115,11 @@ def twice(d: Draft) -> None:
     d.joint(kind, base, name, centre + axis * d.size * 0.4, axis)
     away = np.zeros(3) if kind != 'prismatic' else d.across(axis) * d.size * 0.3
     d.joint(
-        str(d.rng.choice([kind, 'point_on_line'])) if kind != 'prismatic' else kind, base, name, centre - axis * d.size * 0.3 + away, axis
+        str(d.rng.choice([kind, 'point_on_line'])) if kind != 'prismatic' else kind,
+        base,
+        name,
+        centre - axis * d.size * 0.3 + away,
+        axis,
     )
 
 
@@ -144,7 +150,8 @@ def disc(d: Draft) -> None:
 
 
 def blade(d: Draft) -> None:
-    """A sleigh on a plane: a blade, three points or one point and two directions on the plane; half of them pull a trailer."""
+    """A sleigh on a plane: a blade, three points or one point and two directions on the plane; half of them pull a
+    trailer."""
     n, centre = d.direction(), d.place()
     x = d.across(n)
     y = np.cross(n, x)
@@ -152,7 +159,11 @@ def blade(d: Draft) -> None:
     edge = centre + x * d.size * d.rng.uniform(-0.5, 0.5)
     d.add(
         'contacts',
-        {'kind': 'knife_edge', 'i': 'world', 'j': {'body': name, 'at': edge.tolist(), 'axis': n.tolist(), 'x_axis': x.tolist()}},
+        {
+            'kind': 'knife_edge',
+            'i': 'world',
+            'j': {'body': name, 'at': edge.tolist(), 'axis': n.tolist(), 'x_axis': x.tolist()},
+        },
     )
     d.joint('point_on_plane', 'world', name, edge, n)
     if d.rng.random() < 0.5:
@@ -169,7 +180,12 @@ def blade(d: Draft) -> None:
         trailer = d.body(centre - x * d.size)
         d.joint('revolute', name, trailer, centre - x * d.size * 0.4, n)
         if d.rng.random() < 0.6:
-            wheel = {'body': trailer, 'at': (centre - x * d.size * 1.2).tolist(), 'axis': n.tolist(), 'x_axis': x.tolist()}
+            wheel = {
+                'body': trailer,
+                'at': (centre - x * d.size * 1.2).tolist(),
+                'axis': n.tolist(),
+                'x_axis': x.tolist(),
+            }
             d.add('contacts', {'kind': 'knife_edge', 'i': 'world', 'j': wheel})
 
 
@@ -214,7 +230,10 @@ def spring(d: Draft) -> None:
     """A spring, with a damper half of the time, stretched so that it pulls about as hard as what it pulls weighs."""
     i, j = d.two()
     body = d.data['bodies'][j]['mass']
-    ends = [(np.zeros(3) if b == 'world' else d.places[b][0]) + d.direction() * d.size * d.rng.uniform(0.2, 0.8) for b in (i, j)]
+    ends = [
+        (np.zeros(3) if b == 'world' else d.places[b][0]) + d.direction() * d.size * d.rng.uniform(0.2, 0.8)
+        for b in (i, j)
+    ]
     length = float(np.linalg.norm(ends[1] - ends[0]))
     if length < 0.3 * d.size:
         ends[1] = ends[0] + d.direction() * d.size * 0.8
@@ -277,7 +296,9 @@ def push(d: Draft) -> None:
     force = d.direction() * d.data['bodies'][name]['mass'] * d.size / d.time**2 * d.rng.uniform(0, 2)
     torque = d.direction() * np.linalg.norm(force) * d.size * d.rng.uniform(0, 0.3)
     frame = str(d.rng.choice(['world', 'body']))
-    d.add('applied_forces', {'marker': {'body': name}, 'force': force.tolist(), 'torque': torque.tolist(), 'frame': frame})
+    d.add(
+        'applied_forces', {'marker': {'body': name}, 'force': force.tolist(), 'torque': torque.tolist(), 'frame': frame}
+    )
 
 
 PARTS: tuple[Callable[[Draft], None], ...] = (
@@ -308,7 +329,8 @@ def mixture(index: int, seed: int = 0) -> Mixture:
 
 
 def start(d: Draft) -> None:
-    """Velocities that all rows allow, of up to twice the size of the mechanism in its time; one in six begins at rest."""
+    """Velocities that all rows allow, of up to twice the size of the mechanism in its time; one in six begins at
+    rest."""
     directions = Maximal(d.text()).free_directions()
     if len(directions) == 0 or d.rng.random() < 1 / 6:
         return

@@ -1,6 +1,8 @@
-"""Independent solutions of the equations of a mechanism, to two tolerances, and the measure that motions are compared in.
+"""Independent solutions of the equations of a mechanism, to two tolerances, and the measure that motions are compared
+in.
 
-Measure of a motion: places of the centres of mass [m] and twice the vector and scalar part of the quaternions [rad], of all bodies.
+Measure of a motion: places of the centres of mass [m] and twice the vector and scalar part of the quaternions [rad], of
+all bodies.
 """
 
 from __future__ import annotations
@@ -20,12 +22,14 @@ from solver.simulation import Simulation
 from solver.start.newton import move
 
 FINE = 0.0005  # s, at which second differences are taken
-COLLAPSED = 1e-3  # of its median step: a reference with such a step changed its velocities at once, on the way to another branch
+# of its median step: a reference with such a step changed its velocities at once, on the way to another branch
+COLLAPSED = 1e-3
 STANDS_OUT = 10.0  # a second difference over FINE, beside the median of the NEAR ones before and behind it: the same
 NEAR = 10
 START_STEPS = 6  # of a reference, which feels its way
 TOLERANCES = (1e-10, 1e-7)  # of the two references
-MOST_EVALUATIONS, MOST_IMPLICIT = 12_000, 20_000  # of an explicit reference (what needs more is stiff), and of an implicit one
+# of an explicit reference (what needs more is stiff), and of an implicit one
+MOST_EVALUATIONS, MOST_IMPLICIT = 12_000, 20_000
 
 
 class _Bounded(Equations):
@@ -59,7 +63,8 @@ class _Quick(_Bounded):
             self.root[r, r] = np.linalg.cholesky(np.linalg.inv(self.tables.bodies.inertia[b]))
         self.inverse_root = np.linalg.inv(self.root)
         self.ranks = (0, 0)  # of the rows of positions, and of all
-        self.rows = np.zeros(0, int)  # independent ones, the same for a whole step: another choice is another motion beside the constraints
+        # independent ones, the same for a whole step: another choice is another motion beside the constraints
+        self.rows = np.zeros(0, int)
 
     def acceleration(self, t: float, motion: MotionState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         bias = self._bias(t, motion)
@@ -83,11 +88,15 @@ class _Quick(_Bounded):
             B, factor = self.scaled(rows.A)
             if np.abs(rows.phi[keep]).max(initial=0.0) < CLOSED:
                 break
-            dq = self.root @ _onto(B[keep], -(factor * rows.phi)[keep], np.zeros(self.n), self.ranks[0] or _rank(B[keep]))
+            dq = self.root @ _onto(
+                B[keep], -(factor * rows.phi)[keep], np.zeros(self.n), self.ranks[0] or _rank(B[keep])
+            )
             move(q, np.vstack([dq.reshape(-1, 6), np.zeros(6)]))
         self.ranks = max(self.ranks[0], _rank(B[keep])), max(self.ranks[1], _rank(B))
         self.rows = qr(B.T, mode='r', pivoting=True)[1][: self.ranks[1]]
-        v[:-1] = (self.root @ _onto(B, -factor * rows.phi_t, self.inverse_root @ v[:-1].ravel(), self.ranks[1])).reshape(-1, 6)
+        v[:-1] = (
+            self.root @ _onto(B, -factor * rows.phi_t, self.inverse_root @ v[:-1].ravel(), self.ranks[1])
+        ).reshape(-1, 6)
         return MotionState(q, v, motion.z)
 
     def _bias(self, t: float, motion: MotionState) -> np.ndarray:
@@ -116,7 +125,8 @@ def _onto(B: np.ndarray, wanted: np.ndarray, x: np.ndarray, rank: int) -> np.nda
 
 
 def measured(q: np.ndarray) -> np.ndarray:
-    """(..., nb, 7) measure of configurations (..., nb + 1, 7), along the first axis with continuous signs of the quaternions."""
+    """(..., nb, 7) measure of configurations (..., nb + 1, 7), along the first axis with continuous signs of the
+    quaternions."""
     y = q[..., :-1, :].copy()
     y[..., 3:] *= 2.0
     for k in range(1, len(y)):
@@ -132,7 +142,8 @@ def difference(y: np.ndarray, other: np.ndarray) -> float:
 
 
 def reference(simulation: Simulation, duration: float, tolerance: float, kind: str) -> tuple[np.ndarray, int, bool]:
-    """(measured motion every FINE (n, nb, 7), evaluations, whether no velocity changes at once) from the start of a simulation.
+    """(measured motion every FINE (n, nb, 7), evaluations, whether no velocity changes at once) from the start of a
+    simulation.
 
     Raises StepError when it does not arrive.
     """
@@ -153,7 +164,8 @@ def reference(simulation: Simulation, duration: float, tolerance: float, kind: s
     try:
         for k in range(1, round(duration / FINE) + 1):
             found.append(solver.advance(k * FINE).q)
-    except (np.linalg.LinAlgError, FloatingPointError, ValueError, RuntimeError) as error:  # the last one is SuperLU's of a singular factor
+    except (np.linalg.LinAlgError, FloatingPointError, ValueError, RuntimeError) as error:
+        # the last one is SuperLU's of a singular factor
         raise StepError(f'{type(error).__name__}: {error}') from None
     steps = np.array(solver.steps[START_STEPS:] if isinstance(solver, Kkt) else [])
     y = measured(np.array(found))
@@ -162,8 +174,9 @@ def reference(simulation: Simulation, duration: float, tolerance: float, kind: s
 
 
 def on_circle(simulation: Simulation, circle: Circle, duration: float, tolerance: float) -> tuple[np.ndarray, int]:
-    """Like reference(), of parallel cranks in the one coordinate that they have, also where all bars are in line: T^T M T theta'' =
-    T^T (f - M T' theta'^2), with T the velocities of all bodies for theta' = 1, and M and the forces f of the compiled model."""
+    """Like reference(), of parallel cranks in the one coordinate that they have, also where all bars are in line: T^T M
+    T theta'' = T^T (f - M T' theta'^2), with T the velocities of all bodies for theta' = 1, and M and the forces f of
+    the compiled model."""
     s, scene = simulation.state, simulation.scene
     names = simulation.model.body_names
     n = circle.axis
@@ -201,7 +214,16 @@ def on_circle(simulation: Simulation, circle: Circle, duration: float, tolerance
         return np.array([y[1], T_ @ (f - M @ bent.ravel() * y[1] ** 2) / (T_ @ M @ T_)])
 
     times = np.arange(round(duration / FINE) + 1) * FINE
-    found = solve_ivp(rate, (0.0, duration), [0.0, circle.rate], 'DOP853', times, rtol=max(tolerance, 3e-14), atol=tolerance, max_step=0.02)
+    found = solve_ivp(
+        rate,
+        (0.0, duration),
+        [0.0, circle.rate],
+        'DOP853',
+        times,
+        rtol=max(tolerance, 3e-14),
+        atol=tolerance,
+        max_step=0.02,
+    )
     return measured(np.array([placed(theta)[0] for theta in found.y[0]])), equations.evaluations
 
 

@@ -1,10 +1,11 @@
-"""Runs planar mechanisms in Exudyn, as a program of its own: one JSON object on stdin, one on stdout. Needs exudyn only.
+"""Runs planar mechanisms in Exudyn, as a program of its own: one JSON object on stdin, one on stdout. Needs exudyn
+only.
 
-Input: bodies [{m, I, x, y, phi, vx, vy, w}] (centre of mass, world), revolutes [[a, [x, y], b, [x, y]]] with points from the centre of
-mass in body axes (body -1 is the ground, points in the world), sliders [body] (x free), springs [[a, point, b, point, length, stiffness,
-damping]], torques [[body, N m]], gravity [m/s^2] along y, instants [s] (equidistant from 0), observe [[body, coordinate 0..2]],
-runs [{h, rho, tolerance, solver, every_step: a matrix in every step}]. Output: version and, per run, values (instants, observed; change
-since t = 0), cpu [s], counters, or error.
+Input: bodies [{m, I, x, y, phi, vx, vy, w}] (centre of mass, world), revolutes [[a, [x, y], b, [x, y]]] with points
+from the centre of mass in body axes (body -1 is the ground, points in the world), sliders [body] (x free), springs [[a,
+point, b, point, length, stiffness, damping]], torques [[body, N m]], gravity [m/s^2] along y, instants [s] (equidistant
+from 0), observe [[body, coordinate 0..2]], runs [{h, rho, tolerance, solver, every_step: a matrix in every step}].
+Output: version and, per run, values (instants, observed; change since t = 0), cpu [s], counters, or error.
 """
 
 import json
@@ -21,7 +22,9 @@ def assemble(exu, items, model):
     for b in model['bodies']:
         node = mbs.AddNode(
             items.NodeRigidBody2D(
-                referenceCoordinates=[b['x'], b['y'], b['phi']], initialCoordinates=[0, 0, 0], initialVelocities=[b['vx'], b['vy'], b['w']]
+                referenceCoordinates=[b['x'], b['y'], b['phi']],
+                initialCoordinates=[0, 0, 0],
+                initialVelocities=[b['vx'], b['vy'], b['w']],
             )
         )
         body = mbs.AddObject(items.ObjectRigidBody2D(physicsMass=b['m'], physicsInertia=b['I'], nodeNumber=node))
@@ -31,7 +34,9 @@ def assemble(exu, items, model):
         bodies.append(body)
 
     def rigid(body, point):
-        return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=ground if body < 0 else bodies[body], localPosition=[*point, 0]))
+        return mbs.AddMarker(
+            items.MarkerBodyRigid(bodyNumber=ground if body < 0 else bodies[body], localPosition=[*point, 0])
+        )
 
     for a, p, b, q in model['revolutes']:
         mbs.AddObject(items.ObjectJointRevolute2D(markerNumbers=[rigid(a, p), rigid(b, q)]))
@@ -49,7 +54,9 @@ def assemble(exu, items, model):
         mbs.AddLoad(items.LoadTorqueVector(markerNumber=rigid(body, [0, 0]), loadVector=[0, 0, torque]))
     coordinates = exu.OutputVariableType.Coordinates
     sensors = {
-        body: mbs.AddSensor(items.SensorNode(nodeNumber=nodes[body], storeInternal=True, outputVariableType=coordinates))
+        body: mbs.AddSensor(
+            items.SensorNode(nodeNumber=nodes[body], storeInternal=True, outputVariableType=coordinates)
+        )
         for body in sorted({body for body, _ in model['observe']})
     }
     mbs.Assemble()
@@ -107,7 +114,9 @@ def main():
         try:
             results.append(run(exu, items, model, settings))
         except Exception as error:  # of the solver, e.g. no convergence: a result
-            results.append({'error': str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__})
+            results.append(
+                {'error': str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__}
+            )
     exu.SetWriteToConsole(True)
     print('\n' + json.dumps({'version': exu.__version__, 'results': results}))
 

@@ -1,10 +1,11 @@
 """Runs spatial models in Exudyn, as a program of its own: one JSON object on stdin, one on stdout. Needs exudyn only.
 
-Input (solver conventions, SI; a frame is [body, point from its centre of mass, axes as columns], body -1 is the ground): gravity, bodies
-[{mass, inertia, p, R, v, w}] (world), joints [[constrained axes, frame, frame]], bushings [[frame, frame, stiffness x6, damping x6]],
-springs [[frame, frame, free length, stiffness, damping]], torsions [[frame, frame, stiffness, damping]] about z, every [s] of the output,
-runs [{h, duration, rho, tolerance, rotations: euler or lie, solver, modified: Newton, every_step: a matrix in every step}]. Output:
-version and, per run, positions (instants, bodies, 3), cpu [s] of the steps and counters per step, or error.
+Input (solver conventions, SI; a frame is [body, point from its centre of mass, axes as columns], body -1 is the
+ground): gravity, bodies [{mass, inertia, p, R, v, w}] (world), joints [[constrained axes, frame, frame]], bushings
+[[frame, frame, stiffness x6, damping x6]], springs [[frame, frame, free length, stiffness, damping]], torsions [[frame,
+frame, stiffness, damping]] about z, every [s] of the output, runs [{h, duration, rho, tolerance, rotations: euler or
+lie, solver, modified: Newton, every_step: a matrix in every step}]. Output: version and, per run, positions (instants,
+bodies, 3), cpu [s] of the steps and counters per step, or error.
 """
 
 import json
@@ -35,7 +36,9 @@ def assemble(exu, items, model, rotations):
     ]
 
     def rigid(frame):
-        return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=ground if frame[0] < 0 else bodies[frame[0]], localPosition=frame[1]))
+        return mbs.AddMarker(
+            items.MarkerBodyRigid(bodyNumber=ground if frame[0] < 0 else bodies[frame[0]], localPosition=frame[1])
+        )
 
     def pair(a, b):
         return {'markerNumbers': [rigid(a), rigid(b)]}
@@ -52,7 +55,9 @@ def assemble(exu, items, model, rotations):
             mbs.AddObject(items.ObjectJointGeneric(constrainedAxes=constrained, **pair(a, b), **axes(a, b)))
     for a, b, stiffness, damping in model['bushings']:
         if a[0] < 0 and not any(stiffness[3:]) and not any(damping[3:]):
-            mbs.AddObject(items.ObjectConnectorCartesianSpringDamper(**pair(a, b), stiffness=stiffness[:3], damping=damping[:3]))
+            mbs.AddObject(
+                items.ObjectConnectorCartesianSpringDamper(**pair(a, b), stiffness=stiffness[:3], damping=damping[:3])
+            )
         else:
             mbs.AddObject(
                 items.ObjectConnectorRigidBodySpringDamper(
@@ -60,11 +65,19 @@ def assemble(exu, items, model, rotations):
                 )
             )
     for a, b, length, stiffness, damping in model['springs']:
-        mbs.AddObject(items.ObjectConnectorSpringDamper(**pair(a, b), referenceLength=length, stiffness=stiffness, damping=damping))
+        mbs.AddObject(
+            items.ObjectConnectorSpringDamper(
+                **pair(a, b), referenceLength=length, stiffness=stiffness, damping=damping
+            )
+        )
     for a, b, stiffness, damping in model['torsions']:
-        mbs.AddObject(items.ObjectConnectorTorsionalSpringDamper(**pair(a, b), **axes(a, b), stiffness=stiffness, damping=damping))
+        mbs.AddObject(
+            items.ObjectConnectorTorsionalSpringDamper(**pair(a, b), **axes(a, b), stiffness=stiffness, damping=damping)
+        )
     sensors = [
-        mbs.AddSensor(items.SensorBody(bodyNumber=body, storeInternal=True, outputVariableType=exu.OutputVariableType.Position))
+        mbs.AddSensor(
+            items.SensorBody(bodyNumber=body, storeInternal=True, outputVariableType=exu.OutputVariableType.Position)
+        )
         for body in bodies
     ]
     mbs.Assemble()

@@ -1,9 +1,10 @@
 """Runs planar linkages in MuJoCo, as a program of its own: one JSON object on stdin, one on stdout. Needs mujoco only.
 
-Input: bodies [{m, I, x, y, phi, vx, vy, w}] (centre of mass, world), revolutes [[a, [x, y], b, [x, y]]] with points from the centre of
-mass in body axes (body -1 is the ground, points in the world), gravity [m/s^2] along y, instants [s] (equidistant from 0), runs [{h,
-integrator, solref, solimp}]. Bodies hang on each other by the first revolute that reaches them; the others close loops (`connect`).
-Output: version and, per run, values (instants, bodies, x y phi), cpu [s] of the steps, or error.
+Input: bodies [{m, I, x, y, phi, vx, vy, w}] (centre of mass, world), revolutes [[a, [x, y], b, [x, y]]] with points
+from the centre of mass in body axes (body -1 is the ground, points in the world), gravity [m/s^2] along y, instants [s]
+(equidistant from 0), runs [{h, integrator, solref, solimp}]. Bodies hang on each other by the first revolute that
+reaches them; the others close loops (`connect`). Output: version and, per run, values (instants, bodies, x y phi), cpu
+[s] of the steps, or error.
 """
 
 import json

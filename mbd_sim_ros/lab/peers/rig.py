@@ -110,7 +110,8 @@ def _rates(bushing: BushingSpec) -> Six:
 
 
 def _spring_damper(element: SpringDamperSpec, spec: ModelSpec) -> SpringDamperSpec:
-    """The linear counterpart of a spring-damper; the one at the rack also has the stiffness of rack and pinion. Bump stops are left out."""
+    """The linear counterpart of a spring-damper; the one at the rack also has the stiffness of rack and pinion. Bump
+    stops are left out."""
     spring = element.spring if element.spring is not None and len(element.spring.x) == 1 else None
     damper = element.damper
     if damper is not None and len(damper.x) > 1:
@@ -142,16 +143,23 @@ def _torsion(name: str, coordinate: str, like: CoordinateForceSpec, factor: floa
 
 
 def plain(simulation: Simulation) -> dict[str, Any]:
-    """The model of a simulation and its present state as numbers: what exudyn_rig wants. Points are taken from the centres of mass."""
+    """The model of a simulation and its present state as numbers: what exudyn_rig wants. Points are taken from the
+    centres of mass."""
     spec, state = simulation.model.spec, simulation.state
     index = {b.name: k for k, b in enumerate(spec.bodies)} | {WORLD: -1}
     com = {b.name: np.array(b.com) for b in spec.bodies} | {WORLD: np.zeros(3)}
 
     def frame(marker: Marker) -> list[Any]:
-        return [index[marker.body], (np.array(marker.position) - com[marker.body]).tolist(), matrix(marker.orientation).tolist()]
+        return [
+            index[marker.body],
+            (np.array(marker.position) - com[marker.body]).tolist(),
+            matrix(marker.orientation).tolist(),
+        ]
 
     rate = lambda law: 0.0 if law is None else law.slope[0]  # noqa: E731
-    coordinates = {c.name: c for c in spec.coordinates} | {f'{j.name}/angle': j for j in spec.joints if j.kind == 'cylindrical'}
+    coordinates = {c.name: c for c in spec.coordinates} | {
+        f'{j.name}/angle': j for j in spec.joints if j.kind == 'cylindrical'
+    }
     return {
         'gravity': list(spec.gravity),
         'bodies': [
@@ -167,8 +175,12 @@ def plain(simulation: Simulation) -> dict[str, Any]:
         ],
         'joints': [[KINDS[j.kind], frame(j.i), frame(j.j)] for j in spec.joints],
         'bushings': [[frame(b.i), frame(b.j), list(b.stiffness), list(b.damping)] for b in spec.bushings],
-        'springs': [[frame(s.i), frame(s.j), s.free_length, rate(s.spring), rate(s.damper)] for s in spec.spring_dampers],
+        'springs': [
+            [frame(s.i), frame(s.j), s.free_length, rate(s.spring), rate(s.damper)] for s in spec.spring_dampers
+        ],
         'torsions': [
-            [frame(c.i), frame(c.j), rate(f.spring), rate(f.damper)] for f in spec.coordinate_forces for c in [coordinates[f.terms[0][0]]]
+            [frame(c.i), frame(c.j), rate(f.spring), rate(f.damper)]
+            for f in spec.coordinate_forces
+            for c in [coordinates[f.terms[0][0]]]
         ],
     }

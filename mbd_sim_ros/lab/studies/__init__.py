@@ -5,25 +5,29 @@ STUDIES names the module of every study. Such a module has
     SUMMARY: str
         One line of the source for `mbd study --help` and `mbd list studies`, without a full stop.
 
-    def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> dict
-        Write report.md, pictures (.png) and tables (.csv) into the existing directory `out` and return the figures as a dict that
-        JSON can hold (numbers of numpy are fine). Its entry 'checks' is a list of dicts with the keys name, value, limit, met, as
-        report.check() makes them: requirements, each with the number it was judged by. quick: the same program on a few runs, a few
-        seconds after compilation, for a first look and for tests. progress(text, done): say what is being done and which share of
-        the work is behind, 0 to 1; call it before every piece of work that takes more than a second.
+    def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> dict Write report.md, pictures
+        (.png) and tables (.csv) into the existing directory `out` and return the figures as a dict that JSON can hold
+        (numbers of numpy are fine). Its entry 'checks' is a list of dicts with the keys name, value, limit, met, as
+        report.check() makes them: requirements, each with the number it was judged by. quick: the same program on a few
+        runs, a few seconds after compilation, for a first look and for tests. progress(text, done): say what is being
+        done and which share of the work is behind, 0 to 1; call it before every piece of work that takes more than a
+        second.
 
-A study of a scene of the user's choice has OF_SCENE = True, and study() takes scene (a Scene) and workers (runs at a time, None for
-as many as there are cores) too.
+A study of a scene of the user's choice has OF_SCENE = True, and study() takes scene (a Scene) and workers (runs at a
+time, None for as many as there are cores) too.
 
-One that draws random samples has DRAWS = True, and study() takes n and seed, their number (None: its own) and that of their series. Studies
-that take minutes keep their results in cells.py, cell by cell, so that they go on where they were interrupted.
+One that draws random samples has DRAWS = True, and study() takes n and seed, their number (None: its own) and that of
+their series. Studies that take minutes keep their results in cells.py, cell by cell, so that they go on where they were
+interrupted.
 
-Conclusions in a report are computed from the numbers beside them. A study that needs an optional package and cannot do without it
-raises SpecError with one sentence that says how to install it; one that can leaves the part out and says so in the report. Errors of
-the user are MbdError; failures of single runs are results and belong into the tables. Nothing depends on the clock except where CPU
-time is what is measured. Random numbers come from an explicit seed that stands in the report.
+Conclusions in a report are computed from the numbers beside them. A study that needs an optional package and cannot do
+without it raises SpecError with one sentence that says how to install it; one that can leaves the part out and says so
+in the report. Errors of the user are MbdError; failures of single runs are results and belong into the tables. Nothing
+depends on the clock except where CPU time is what is measured. Random numbers come from an explicit seed that stands in
+the report.
 
-The tools of all studies are in report.py: Report (markdown with tables, pictures, CSV files, checks) and the style of pictures.
+The tools of all studies are in report.py: Report (markdown with tables, pictures, CSV files, checks) and the style of
+pictures.
 """
 
 from __future__ import annotations
@@ -73,14 +77,16 @@ def module(name: str) -> ModuleType:
         raise SpecError(f'study {name!r}: no such study{suggestion(name, STUDIES)}')
     if name not in installed():
         raise SpecError(
-            f'study {name!r}: proves the program to itself and is not installed; run it in a checkout of the source of mbd_sim_ros, '
+            f'study {name!r}: proves the program to itself and is not installed; run it in a checkout of the source of '
+            'mbd_sim_ros, '
             f'after make setup there; installed: {", ".join(installed())}'
         )
     return importlib.import_module(STUDIES[name])
 
 
 def summary(name: str) -> str:
-    """The SUMMARY of a study that is installed, read from the source: to import all of their modules takes two seconds."""
+    """The SUMMARY of a study that is installed, read from the source: to import all of their modules takes two
+    seconds."""
     spec = importlib.util.find_spec(STUDIES[name])
     text = Path(spec.origin).read_text(encoding='utf-8') if spec is not None and spec.origin else ''
     line = re.search(r'^SUMMARY = (.+)$', text, re.MULTILINE)
@@ -98,8 +104,8 @@ def draws(name: str) -> bool:
 
 
 def run(name: str, out: Path, *, quick: bool, progress: Progress, **options: Any) -> dict:
-    """Run a study into the directory `out`, made if need be; options: scene and workers of those that want a scene, n and seed of those
-    that draw samples.
+    """Run a study into the directory `out`, made if need be; options: scene and workers of those that want a scene, n
+    and seed of those that draw samples.
 
     Raises SpecError, OSError and what the study raises.
     """

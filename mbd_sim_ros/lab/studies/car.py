@@ -1,4 +1,5 @@
-"""Study of the full car in repeated swept steering: the chapter's figures 3b and 4, a converged solution, and who departs from it."""
+"""Study of the full car in repeated swept steering: the chapter's figures 3b and 4, a converged solution, and who
+departs from it."""
 
 from __future__ import annotations
 
@@ -24,12 +25,22 @@ LIMITS = {'position': 0.05, 'yaw_rate': 0.005, 'tire_force': 0.01}  # m, part of
 SECOND = 1.8  # least observed order of a method of second order at these steps
 CHAPTER_PENALTY = 1000.0  # where the chapter starts its penalties
 ADAPTIVE = ('integrator.mode=tolerance', 'integrator.h=0.01', 'integrator.h_min=5e-5', 'integrator.step_policy=rescue')
-GOVERNED = ('integrator.mode=tolerance', 'integrator.h=0.005', 'integrator.step_policy=error', 'integrator.error_tolerance=1e-2')
+GOVERNED = (
+    'integrator.mode=tolerance',
+    'integrator.h=0.005',
+    'integrator.step_policy=error',
+    'integrator.error_tolerance=1e-2',
+)
 
 
 def cases(quick: bool) -> dict[str, list[str]]:
     """Methods by name: the overrides of the scene."""
-    adaptive = [*ADAPTIVE, 'integrator.augmentation=plain', 'integrator.penalty_policy=adaptive', f'integrator.penalty={CHAPTER_PENALTY}']
+    adaptive = [
+        *ADAPTIVE,
+        'integrator.augmentation=plain',
+        'integrator.penalty_policy=adaptive',
+        f'integrator.penalty={CHAPTER_PENALTY}',
+    ]
     found = {
         'ALF 5 ms': ['integrator.h=0.005'],
         'ALF 1 ms, to tolerance': ['integrator.mode=tolerance'],
@@ -50,7 +61,10 @@ def references(quick: bool) -> dict[str, list[str]]:
     if quick:
         return {}
     kinds = [('BDF 1e-5', 'bdf', 1e-5), ('BDF 1e-6', 'bdf', 1e-6), ('IDA 1e-5', 'ida', 1e-5)]
-    return {name: [f'integrator.kind=reference_{kind}', f'integrator.tolerance={tol}', 'integrator.h=0.01'] for name, kind, tol in kinds}
+    return {
+        name: [f'integrator.kind=reference_{kind}', f'integrator.tolerance={tol}', 'integrator.h=0.01']
+        for name, kind, tol in kinds
+    }
 
 
 def fair_penalty(h: float) -> float:
@@ -76,15 +90,21 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
     truth = converged(levels)
     report = Report(out, 'The full car in repeated swept steering')
     report.text(
-        f'Scene `{SCENE}`, {duration:g} s. Every method solves the same compiled model from the same start. The converged solution is '
-        "Richardson's extrapolation of the two finest runs; its band is the distance to the extrapolation from the level before. "
-        f'Departures are judged over the first {judged:g} s: position in m, yaw rate and tire forces (RMS, worst of twelve) in percent of '
-        'their peaks. A run that failed has no departures. CPU times are of one process and compare within this table only.'
+        f'Scene `{SCENE}`, {duration:g} s. Every method solves the same compiled model from the same start. The '
+        'converged solution is '
+        "Richardson's extrapolation of the two finest runs; its band is the distance to the extrapolation from the "
+        'level before. '
+        f'Departures are judged over the first {judged:g} s: position in m, yaw rate and tire forces (RMS, worst of '
+        'twelve) in percent of '
+        'their peaks. A run that failed has no departures. CPU times are of one process and compare within this table '
+        'only.'
     )
     data: dict[str, Any] = {'duration': duration, 'judged': judged}
     data['methods'] = _methods(report, runs, truth, judged)
     data['band'], data['orders'] = _convergence(report, levels, truth, judged)
-    data['growth'] = _growth(report, [*levels[:1], runs['ALF 5 ms'], *([] if quick else [runs['ALF 1 ms, one iteration']])], truth)
+    data['growth'] = _growth(
+        report, [*levels[:1], runs['ALF 5 ms'], *([] if quick else [runs['ALF 1 ms, one iteration']])], truth
+    )
     if not quick:
         data['references'] = _references(report, runs, truth)
     _pictures(report, runs, truth)
@@ -105,7 +125,8 @@ def _methods(report: Report, runs: dict[str, CarRun], truth: Converged, judged: 
             found[name] = departures(r, truth.run, judged) | r.figures | {'iterations': steps}
     rows = [
         {
-            'method': name, 'reached [s]': f['until'], 'position [m]': f['position'], 'yaw rate [%]': 100 * f['yaw_rate'],
+            'method': name, 'reached [s]': f['until'], 'position '
+                '[m]': f['position'], 'yaw rate [%]': 100 * f['yaw_rate'],
             'tire forces [%]': 100 * f['tire_force'], 'lateral, front left [%]': 100 * f['front_left_lateral'],
             'iterations, LU of references': f['iterations'], 'CPU per simulated second': f['cpu_per_second'],
         }
@@ -125,12 +146,15 @@ def _convergence(
     band = {
         'position': float(np.hypot(*truth.band['place'][:n].T).max()),
         'yaw_rate': float(truth.band['yaw_rate'][:n].max() / np.abs(truth.run.yaw_rate[:n]).max()),
-        'tire_force': float((np.sqrt((truth.band['forces'][:n] ** 2).mean(0)) / np.abs(truth.run.forces[:n]).max(0)).max()),
+        'tire_force': float(
+            (np.sqrt((truth.band['forces'][:n] ** 2).mean(0)) / np.abs(truth.run.forces[:n]).max(0)).max()
+        ),
     }
     observed = orders(levels, judged)
     report.text('## Convergence')
     report.text(
-        f'Band of the converged solution over {judged:g} s: position {band["position"]:.2g} m, yaw rate {100 * band["yaw_rate"]:.2g} %, '
+        f'Band of the converged solution over {judged:g} s: position {band["position"]:.2g} m, yaw rate '
+        f'{100 * band["yaw_rate"]:.2g} %, '
         f'tire forces {100 * band["tire_force"]:.2g} %. Orders from three successive steps:'
     )
     steps = [f'{a.name[4:]}, halved twice' for a in levels]
@@ -150,18 +174,27 @@ def _growth(report: Report, runs: Sequence[CarRun], truth: Converged) -> dict[st
         better = 'a power of time' if g['power_misfit'] < g['rate_misfit'] else 'an exponential'
         law = f't^{g["power"]:.1f}' if g['power_misfit'] < g['rate_misfit'] else f'exp({g["rate"]:.2f} t)'
         lines.append(
-            f'- {name}: {better} fits better, {law}. Of the position error at the end {100 * g["heading_share"]:.0f} % is the error of the '
+            f'- {name}: {better} fits better, {law}. Of the position error at the end {100 * g["heading_share"]:.0f} % '
+            'is the error of the '
             f'heading carried along the way, the rest the integrated error of the velocity.'
         )
-    report.text('Fits of |error| of the position after 1 s, running maximum, and its two causes (`car_runs.growth`):', '\n'.join(lines))
+    report.text(
+        'Fits of |error| of the position after 1 s, running maximum, and its two causes (`car_runs.growth`):',
+        '\n'.join(lines),
+    )
     r = runs[0]
     n = len(r.t)
     slip = np.abs(r.yaw_rate - truth.run.yaw_rate[:n])
     half = n // 2
-    ratio = [float(part.max() / np.abs(truth.run.yaw_rate[k : k + len(part)]).max()) for k, part in ((0, slip[:half]), (half, slip[half:]))]
+    ratio = [
+        float(part.max() / np.abs(truth.run.yaw_rate[k : k + len(part)]).max())
+        for k, part in ((0, slip[:half]), (half, slip[half:]))
+    ]
     report.text(
-        f'The yaw rate is no integral and forgets: relative to its peak its error is {100 * ratio[0]:.2g} % in the first half of the run '
-        f'and {100 * ratio[1]:.2g} % in the second. Nothing draws a car back to a heading or a place: these collect what each sweep leaves.'
+        f'The yaw rate is no integral and forgets: relative to its peak its error is {100 * ratio[0]:.2g} % in the '
+        'first half of the run '
+        f'and {100 * ratio[1]:.2g} % in the second. Nothing draws a car back to a heading or a place: these collect '
+        'what each sweep leaves.'
     )
     return found
 
@@ -176,11 +209,19 @@ def _references(report: Report, runs: dict[str, CarRun], truth: Converged) -> di
         difference = float(np.abs(theirs - ours).max())
         band, bar = float(truth.band[key][:n].max()), float(np.abs(second - theirs).max())
         found[key] = {'difference': difference, 'converged_band': band, 'bdf_band': bar, 'until': float(best.t[n - 1])}
-        rows.append({'quantity': label, 'BDF 1e-6 less converged': difference, 'band of converged': band, 'BDF 1e-5 less 1e-6': bar})
+        rows.append(
+            {
+                'quantity': label,
+                'BDF 1e-6 less converged': difference,
+                'band of converged': band,
+                'BDF 1e-5 less 1e-6': bar,
+            }
+        )
         report.check(f'{key}: BDF and converged differ, over the sum of both bands', difference / (band + bar), 1.0)
     report.text('## Independent integrators')
     report.text(
-        f'Other equations (stabilised index 2, quaternions), other methods, other linear algebra, the same elements; the '
+        'Other equations (stabilised index 2, quaternions), other methods, other linear algebra, the same elements; '
+        'the '
         f'first {best.t[n - 1]:g} s, which hold the first steering cycle. Largest differences:'
     )
     report.table('references', rows)
@@ -215,7 +256,11 @@ def _pictures(report: Report, runs: dict[str, CarRun], truth: Converged) -> None
         if k and not r.name.startswith(('BDF', 'IDA')):
             end = r.figures['until']
             axes[0, 1].step(
-                [*r.steps[:, 0], end], [*(1e3 * r.steps[:, 1]), 1e3 * r.steps[-1, 1]], where='post', color=style['color'], lw=1.0
+                [*r.steps[:, 0], end],
+                [*(1e3 * r.steps[:, 1]), 1e3 * r.steps[-1, 1]],
+                where='post',
+                color=style['color'],
+                lw=1.0,
             )
     axes[0, 0].set(xlabel='t [s]', ylabel='longitudinal velocity [m/s]')
     axes[0, 1].set(xlabel='t [s]', ylabel='step [ms]', yscale='log')
@@ -223,7 +268,9 @@ def _pictures(report: Report, runs: dict[str, CarRun], truth: Converged) -> None
     axes[1, 1].set(xlabel='t [s]', ylabel='lateral force, front left [N]')
     axes[0, 0].legend(fontsize=7)
     report.figure(
-        'maneuver', picture, "Velocity, step size, trajectory and lateral force of the front left tire (the chapter's figures 4a to 4d)"
+        'maneuver',
+        picture,
+        "Velocity, step size, trajectory and lateral force of the front left tire (the chapter's figures 4a to 4d)",
     )
 
     picture, axes = figure(9.0, 3.6, 1, 2)
@@ -232,15 +279,27 @@ def _pictures(report: Report, runs: dict[str, CarRun], truth: Converged) -> None
         n = min(len(r.t), len(truth.run.t))
         look: dict[str, Any] = {'lw': 1.0, 'color': COLOURS[k % len(COLOURS)], 'ls': '-' if k < len(COLOURS) else ':'}
         axes[0, 0].semilogy(r.t[1:n], np.hypot(*(r.place[:n] - truth.run.place[:n]).T)[1:] + 1e-9, label=name, **look)
-        axes[0, 1].semilogy(r.t[1:n:10], _worst(np.abs(r.forces[:n] - truth.run.forces[:n])[1:, 0, 1])[::10] + 1e-6, **look)
-    axes[0, 0].fill_between(truth.run.t[1:], 1e-9, np.hypot(*truth.band['place'].T)[1:] + 1e-9, color='#dddddd', label='band')
+        axes[0, 1].semilogy(
+            r.t[1:n:10], _worst(np.abs(r.forces[:n] - truth.run.forces[:n])[1:, 0, 1])[::10] + 1e-6, **look
+        )
+    axes[0, 0].fill_between(
+        truth.run.t[1:], 1e-9, np.hypot(*truth.band['place'].T)[1:] + 1e-9, color='#dddddd', label='band'
+    )
     axes[0, 0].set(xlabel='t [s]', ylabel='distance to the converged place [m]', ylim=(1e-9, 30.0))
     axes[0, 1].set(xlabel='t [s]', ylabel='error of the lateral force, front left, so far [N]', ylim=(1e-6, 1e4))
     picture.legend(loc='outside right upper', fontsize=6)
     report.figure('departures', picture, 'Departures from the converged solution; grey: its band')
 
 
-SHOWN = ('ALF 5 ms', 'ALF, adaptive', 'ALF, error control', 'M-ALF, same penalty', 'M-ALF 1 ms, fair penalty', 'BDF 1e-6', 'IDA 1e-5')
+SHOWN = (
+    'ALF 5 ms',
+    'ALF, adaptive',
+    'ALF, error control',
+    'M-ALF, same penalty',
+    'M-ALF 1 ms, fair penalty',
+    'BDF 1e-6',
+    'IDA 1e-5',
+)
 
 
 def _worst(values: np.ndarray) -> np.ndarray:

@@ -34,7 +34,10 @@ ERRORS = {
     'position': ('largest error of the place [mm]', 1e3),
     'tire_force': ('RMS error of a tire force, worst of twelve [% of its peak]', 1e2),
 }
-COSTS = {'cpu': 'CPU time per simulated second [ms/s]', 'evaluations': 'evaluations of all forces per simulated second [1/s]'}
+COSTS = {
+    'cpu': 'CPU time per simulated second [ms/s]',
+    'evaluations': 'evaluations of all forces per simulated second [1/s]',
+}
 MARKERS = {1: 'v', 2: 'o', 3: 's', 4: 'D'}
 # Further curves over all steps: settings of the integrator by name
 OTHERS: dict[str, dict[str, Any]] = {'to tolerance 1e-4': {'mode': 'tolerance', 'tolerance': 1e-4}}
@@ -86,11 +89,15 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     }
     levels = QUICK_LEVELS if quick else LEVELS
     report.text(
-        f'Scene `{SCENE}`, its first {duration:g} s. The reference is extrapolated from runs at {_list([1e3 * h for h in levels])} ms '
+        f'Scene `{SCENE}`, its first {duration:g} s. The reference is extrapolated from runs at '
+        f'{_list([1e3 * h for h in levels])} ms '
         f'(rho_inf 0.8, 4 iterations); its band, the distance to the extrapolation from the level before, is '
-        f'{1e3 * bands["position"]:.2g} mm and {100 * bands["tire_force"]:.2g} % of a tire force. Errors are the largest distance of the '
-        f'place of the chassis and the RMS error of the worst of twelve tire forces. Cost is that of stepping alone: CPU time, median of '
-        f'{1 if quick else ROUNDS} rounds through all settings in one process, and evaluations of all forces. Only differences between '
+        f'{1e3 * bands["position"]:.2g} mm and {100 * bands["tire_force"]:.2g} % of a tire force. Errors are the '
+        'largest distance of the '
+        'place of the chassis and the RMS error of the worst of twelve tire forces. Cost is that of stepping alone: '
+        'CPU time, median of '
+        f'{1 if quick else ROUNDS} rounds through all settings in one process, and evaluations of all forces. Only '
+        'differences between '
         'settings mean something; the CPU time is that of one machine.'
     )
     fronts = {(e, c): front(points, e, c) for e in ERRORS for c in COSTS}
@@ -105,7 +112,9 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     report.table('points', rows, shown=False)
     for key in ERRORS:
         smallest = min(getattr(p, key) for p in points if not p.message)
-        report.check(f'band of the reference over the smallest error, {key.replace("_", " ")}', bands[key] / smallest, 0.3)
+        report.check(
+            f'band of the reference over the smallest error, {key.replace("_", " ")}', bands[key] / smallest, 0.3
+        )
     report.write()
     return {
         'bands': bands, 'defaults': defaults, 'checks': report.checks,
@@ -126,7 +135,9 @@ def _reference(scene: Scene, duration: float, levels: Sequence[float], progress:
     return converged(runs)
 
 
-def _measured(scene: Scene, settings: Sequence[Setting], truth: Converged, duration: float, rounds: int, progress: Progress) -> list[Point]:
+def _measured(
+    scene: Scene, settings: Sequence[Setting], truth: Converged, duration: float, rounds: int, progress: Progress
+) -> list[Point]:
     """Errors of all settings, then their CPU times, round by round."""
     found: list[tuple[Setting, Simulation | None, dict[str, float], str]] = []
     for k, setting in enumerate(settings):
@@ -139,7 +150,9 @@ def _measured(scene: Scene, settings: Sequence[Setting], truth: Converged, durat
         run = follow(simulation, str(setting), duration)
         errors = departures(run, truth.run, duration)
         evaluations = run.figures['evaluations'] / duration
-        found.append((setting, None if run.message else simulation, {**errors, 'evaluations': evaluations}, run.message))
+        found.append(
+            (setting, None if run.message else simulation, {**errors, 'evaluations': evaluations}, run.message)
+        )
     times: list[list[float]] = [[] for _ in found]
     for turn in range(rounds):
         progress(f'CPU time, round {turn + 1} of {rounds}', 0.65 + 0.35 * turn / rounds)
@@ -177,7 +190,10 @@ def _fronts(report: Report, fronts: dict[tuple[str, str], list[Point]]) -> None:
         title, factor = ERRORS[error]
         by = [_counted([p.setting.iterations for p in found if not p.setting.other], '{} of {:g} iterations')]
         by += [_counted([p.setting.rho for p in found], '{} with rho {:g}')]
-        report.text(f'## Front: {error.replace("_", " ")} over {COSTS[cost].split(" per ")[0]}', f'{len(found)} settings: {"; ".join(by)}.')
+        report.text(
+            f'## Front: {error.replace("_", " ")} over {COSTS[cost].split(" per ")[0]}',
+            f'{len(found)} settings: {"; ".join(by)}.',
+        )
         report.table(
             f'front_{error}_{cost}',
             [
@@ -196,7 +212,9 @@ def _counted(values: Sequence[float], text: str) -> str:
     return ', '.join(text.format(values.count(value), value) for value in sorted(set(values)))
 
 
-def _defaults(report: Report, scene: Scene, points: Sequence[Point], fronts: dict[tuple[str, str], list[Point]]) -> list[dict[str, Any]]:
+def _defaults(
+    report: Report, scene: Scene, points: Sequence[Point], fronts: dict[tuple[str, str], list[Point]]
+) -> list[dict[str, Any]]:
     """Standing of the settings of the scene and of the default ones: the cheapest point on the front that is as
     accurate."""
     own = type(scene.integrator)()
@@ -213,12 +231,15 @@ def _defaults(report: Report, scene: Scene, points: Sequence[Point], fronts: dic
             rival = next(p for p in found if getattr(p, error) <= getattr(point, error))
             rows.append(
                 {
-                    'settings of': f'{name} ({setting})', 'error': error.replace('_', ' '), 'cost': COSTS[cost].split(' per ')[0],
-                    'as accurate on the front': str(rival.setting), 'costs times as much': getattr(point, cost) / getattr(rival, cost),
+                    'settings of': f'{name} ({setting})', 'error': error.replace('_', ' '),
+                    'cost': COSTS[cost].split(' per ')[0],
+                    'as accurate on the front': str(rival.setting), 'costs times as '
+                        'much': getattr(point, cost) / getattr(rival, cost),
                 }
             )  # fmt: skip
     report.text(
-        '## The defaults against the front', 'The cheapest setting that is at least as accurate, and how many times its cost ours is.'
+        '## The defaults against the front',
+        'The cheapest setting that is at least as accurate, and how many times its cost ours is.',
     )
     if rows:
         report.table('defaults', rows)
@@ -236,11 +257,17 @@ def _picture(report: Report, points: Sequence[Point], fronts: dict[tuple[str, st
             for p in good:
                 ax.loglog(
                     scale * getattr(p, cost), factor * getattr(p, error), MARKERS.get(p.setting.iterations, '*'),
-                    ms=3.0 + 1.2 * rhos.index(p.setting.rho), color=COLOURS[steps.index(p.setting.h)], alpha=0.75, mew=0.4, mec='white',
+                    ms=3.0 + 1.2 * rhos.index(p.setting.rho), color=COLOURS[steps.index(p.setting.h)], alpha=0.75,
+                    mew=0.4, mec='white',
                 )  # fmt: skip
             best = fronts[error, cost]
             ax.loglog(
-                [scale * getattr(p, cost) for p in best], [factor * getattr(p, error) for p in best], '-', color='black', lw=0.9, zorder=1
+                [scale * getattr(p, cost) for p in best],
+                [factor * getattr(p, error) for p in best],
+                '-',
+                color='black',
+                lw=0.9,
+                zorder=1,
             )
             last = math.inf
             for p in best:
@@ -268,10 +295,14 @@ def _picture(report: Report, points: Sequence[Point], fronts: dict[tuple[str, st
                 ax.set_ylabel(title)
     handles = [axes[0, 0].plot([], [], 'o', color=COLOURS[k], label=f'{1e3 * h:g} ms')[0] for k, h in enumerate(steps)]
     handles += [
-        axes[0, 0].plot([], [], m, color='#555555', label='1 iteration' if n == 1 else f'{n} iterations')[0] for n, m in MARKERS.items()
+        axes[0, 0].plot([], [], m, color='#555555', label='1 iteration' if n == 1 else f'{n} iterations')[0]
+        for n, m in MARKERS.items()
     ]
     handles += [axes[0, 0].plot([], [], '*', color='#555555', label=name)[0] for name in OTHERS]
-    handles += [axes[0, 0].plot([], [], 'o', color='#555555', ms=3.0 + 1.2 * k, label=f'rho {rho:g}')[0] for k, rho in enumerate(rhos)]
+    handles += [
+        axes[0, 0].plot([], [], 'o', color='#555555', ms=3.0 + 1.2 * k, label=f'rho {rho:g}')[0]
+        for k, rho in enumerate(rhos)
+    ]
     handles += [axes[0, 0].plot([], [], '-', color='black', label='front')[0]]
     new.legend(handles=handles, loc='outside right upper', fontsize=7)
     report.figure('front', new, 'Error against cost of every setting; black: the front, its settings named')

@@ -54,7 +54,9 @@ def follow(simulation: Simulation, name: str, duration: float) -> CarRun:
     begin = time.process_time()
     try:
         if abs(GRID / simulation.h - round(GRID / simulation.h)) > 1e-9:
-            raise SpecError(f'{name}: integrator.h = {simulation.h:g}: must be a whole part of the common grid of {GRID:g} s')
+            raise SpecError(
+                f'{name}: integrator.h = {simulation.h:g}: must be a whole part of the common grid of {GRID:g} s'
+            )
         for _ in range(round(duration / GRID)):
             rows.append(_row(simulation.advance(round(GRID / simulation.h), audit=False)))
     except MbdError as error:
@@ -68,7 +70,8 @@ def follow(simulation: Simulation, name: str, duration: float) -> CarRun:
     figures |= {key: float(audit[key]) for key in ('iterations', 'factorizations', 'evaluations', 'position_drift_max')}
     heading = np.unwrap(data[:, 3])
     return CarRun(
-        name, data[:, 0], data[:, 1:3], heading, data[:, 4:6], data[:, 6], data[:, 7:].reshape(-1, 4, 3), np.array(steps), figures, message
+        name, data[:, 0], data[:, 1:3], heading, data[:, 4:6], data[:, 6], data[:, 7:].reshape(-1, 4, 3),
+        np.array(steps), figures, message
     )  # fmt: skip
 
 
@@ -180,7 +183,9 @@ def growth(found: CarRun, truth: CarRun, start: float) -> Growth:
     turned = (found.heading - truth.heading[:n])[:, None] * np.column_stack([-s * u - c * v, c * u - s * v])
     du, dv = (found.velocity - truth.velocity[:n]).T
     moved = np.column_stack([c * du - s * dv, s * du + c * dv])
-    by_heading, by_velocity = (np.concatenate([[[0.0, 0.0]], np.cumsum(0.5 * GRID * (w[1:] + w[:-1]), 0)]) for w in (turned, moved))
+    by_heading, by_velocity = (
+        np.concatenate([[[0.0, 0.0]], np.cumsum(0.5 * GRID * (w[1:] + w[:-1]), 0)]) for w in (turned, moved)
+    )
     end = error[-1] / (error[-1] @ error[-1])
     rest = np.linalg.norm(error[-1] - by_heading[-1] - by_velocity[-1]) / np.linalg.norm(error[-1])
     return Growth(*fit(np.log(x)), *fit(x), float(by_heading[-1] @ end), float(rest))

@@ -15,20 +15,23 @@ SOURCES = ('solver', 'config', 'mbd_sim_ros/lab/mechanisms', 'mbd_sim_ros/lab/st
 
 
 class Cells:
-    """Finished cells of a study in a directory. Those of another program are others. more: files and folders of the program
-    that they depend on beside SOURCES, or beside `base`."""
+    """Finished cells of a study in a directory. Those of another program are others. more: files and folders of the
+    program that they depend on beside SOURCES, or beside `base`."""
 
     def __init__(self, directory: Path, more: Sequence[str] = (), base: Sequence[str] | None = None) -> None:
         self._store = Store(directory)
         self._program = sources(
-            *(ROOT / place for place in (*(SOURCES if base is None else base), *more)), suffixes=('.py', '.yaml', '.tir')
+            *(ROOT / place for place in (*(SOURCES if base is None else base), *more)),
+            suffixes=('.py', '.yaml', '.tir'),
         )
 
     def cell(self, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """The row of a cell, computed if it is not there. Between two cells a signal ends the study."""
 
         def row() -> dict[str, Any]:
-            interrupts.now(f'computing {name}; what is finished is in {self._store.directory} and is not computed again')
+            interrupts.now(
+                f'computing {name}; what is finished is in {self._store.directory} and is not computed again'
+            )
             interrupts.check()
             return plain({'cell': name, **compute()})
 

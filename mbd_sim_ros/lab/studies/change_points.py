@@ -1,4 +1,5 @@
-"""Linkages through change points with four penalties and hundreds of steps: which penalty keeps to the trend of the step?"""
+"""Linkages through change points with four penalties and hundreds of steps: which penalty keeps to the trend of the
+step?"""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ SAMPLES, QUICK_SAMPLES = 400, 3  # steps between SHORTEST and LONGEST, in equal 
 SHORTEST, LONGEST = 1e-3, 8e-3  # s
 PENALTIES = (1e6, 1e5, 1e4, 1e3)
 DEFAULT = PENALTIES[0]
-BEYOND = 10.0  # times the trend: an error that the step does not explain; of ten times as much the cause is a wrong branch
+# times the trend: an error that the step does not explain; of ten times as much the cause is a wrong branch
+BEYOND = 10.0
 OK = 'ok'
 
 
@@ -74,8 +76,10 @@ def outliers(rows: list[dict[str, Any]], slope: float) -> list[dict[str, Any]]:
 def _report(out: Path, rows: list[dict[str, Any]], count: int, seed: int) -> dict:
     report = Report(out, 'Change points and penalties')
     report.text(
-        f'{count} steps from {SHORTEST * 1e3:g} to {LONGEST * 1e3:g} ms (series {seed}) for every linkage and penalty. The '
-        'error is that of a point of the crank at the end, against the exact motion. The trend is the median of error / h^2 '
+        f'{count} steps from {SHORTEST * 1e3:g} to {LONGEST * 1e3:g} ms (series {seed}) for every linkage and penalty. '
+        'The '
+        'error is that of a point of the crank at the end, against the exact motion. The trend is the median of error '
+        '/ h^2 '
         f'of all ok runs of the linkage; a run is an outlier when its error is above {BEYOND:g} times the trend.'
     )
     table, silent = [], dict.fromkeys(PENALTIES, 0)
@@ -105,7 +109,9 @@ def _report(out: Path, rows: list[dict[str, Any]], count: int, seed: int) -> dic
             )
     report.table('passages', table)
     report.table('runs', rows, shown=False)
-    report.figure('errors', _picture(rows), 'Error at the end over the step, of ok runs; lines: the trend and ten times the trend')
+    report.figure(
+        'errors', _picture(rows), 'Error at the end over the step, of ok runs; lines: the trend and ten times the trend'
+    )
     for penalty in PENALTIES:
         report.check(f'ok runs above {BEYOND:g} times the trend, penalty {penalty:g}', silent[penalty], 0)
     report.write()
@@ -121,7 +127,9 @@ def _picture(rows: list[dict[str, Any]]) -> Any:
         for ax, penalties in zip(line, (PENALTIES[:1], PENALTIES[1:]), strict=True):
             for k, penalty in enumerate(penalties):
                 points = [
-                    (row['h'] * 1e3, row['error']) for row in mine if row['penalty'] == penalty and row['status'] == OK and row['error']
+                    (row['h'] * 1e3, row['error'])
+                    for row in mine
+                    if row['penalty'] == penalty and row['status'] == OK and row['error']
                 ]
                 if points:
                     ax.loglog(*np.array(points).T, '.', ms=2, color=COLOURS[k], label=f'{penalty:g}')

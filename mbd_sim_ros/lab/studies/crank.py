@@ -1,8 +1,9 @@
-"""The slider-crank with equal rods through its singular positions: starts at any phase, exact motion, limits, and one judged run.
+"""The slider-crank with equal rods through its singular positions: starts at any phase, exact motion, limits, and one
+judged run.
 
-Twenty-six constraints, three of them redundant; at theta = pi/2 + n pi a second branch (slider at rest, rods turning together) opens.
-All starts have the energy of the chapter's. The exact motion is that of one coordinate, with the slider's mass:
-(2/3 + (2 + 4 m) sin^2 theta) theta'^2 / 2 + g sin theta = E.
+Twenty-six constraints, three of them redundant; at theta = pi/2 + n pi a second branch (slider at rest, rods turning
+together) opens. All starts have the energy of the chapter's. The exact motion is that of one coordinate, with the
+slider's mass: (2/3 + (2 + 4 m) sin^2 theta) theta'^2 / 2 + g sin theta = E.
 """
 
 from __future__ import annotations
@@ -47,7 +48,8 @@ LIMITS = {'damped': Limits((1e-1, 1e-3), (4e-2, 4e-4)), 'conserving': Limits((1e
 
 
 def limit(at_ten_and_one: tuple[float, float], h: float) -> float:
-    """Allowed error at step h [s]: the two stated values joined by their power law, so second order holds in between."""
+    """Allowed error at step h [s]: the two stated values joined by their power law, so second order holds in
+    between."""
     at_ten, at_one = at_ten_and_one
     return at_ten * (h / 0.01) ** np.log10(at_ten / at_one)
 
@@ -81,7 +83,8 @@ def exact_angles(theta: np.ndarray, slider: float, times: np.ndarray, tolerance:
 
 
 def scene_at(theta: float, h: float, settings: dict[str, Any]) -> Scene:
-    """The scene slider_crank started at crank angle theta [rad] with ENERGY, with step h [s] and these integrator settings.
+    """The scene slider_crank started at crank angle theta [rad] with ENERGY, with step h [s] and these integrator
+    settings.
 
     Keys that `settings` leave open take the defaults of IntegratorSettings, not the values of the scene.
     """
@@ -154,7 +157,9 @@ def passage(theta: float, angle: float, h: float, settings: dict[str, Any], dura
     except StepError as error:
         return Passage('failed', simulation.t_ns * 1e-9, np.nan, np.nan, _iterations(simulation), str(error))
     position = abs(snapshot.pose[3, 0] - 2 * np.cos(angle))
-    return Passage('ok', duration, simulation.totals()['energy_error_max'], float(position), _iterations(simulation), '')
+    return Passage(
+        'ok', duration, simulation.totals()['energy_error_max'], float(position), _iterations(simulation), ''
+    )
 
 
 def _iterations(simulation: Simulation) -> float:

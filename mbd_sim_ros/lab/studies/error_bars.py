@@ -1,8 +1,8 @@
 """Error bars against true errors: random mechanisms and delivered scenes, at several steps.
 
 The true error of a run is that against a run of the same scene from the same start with the step FINEST, iterated to
-tolerance; where that is apart from one with twice the step by more than a share of UNCLEAR, or a tenth of the error, there is
-no reference. Its physics is that of the run: what is asked here is what a step costs.
+tolerance; where that is apart from one with twice the step by more than a share of UNCLEAR, or a tenth of the error,
+there is no reference. Its physics is that of the run: what is asked here is what a step costs.
 """
 
 from __future__ import annotations
@@ -72,15 +72,21 @@ def study(out: Path, *, quick: bool, progress: Progress, n: int | None = None, s
             rows += cells.cell(f'{name} {wanted}', partial(_of_scene, name, wanted))['runs']
     report = Report(out, 'Error bars')
     report.text(
-        f'{count} random mechanisms (seed {seed}) of {len(FAMILIES)} families, {DURATION:g} s each, and delivered scenes. Errors are the '
+        f'{count} random mechanisms (seed {seed}) of {len(FAMILIES)} families, {DURATION:g} s each, and delivered '
+        'scenes. Errors are the '
         'largest of a deciding quantity over time, as part of its peak (mbd_sim_ros.lab.studies.error_bars).'
     )
     known = [row for row in rows if row['status'] in ('ok', 'suspect') and number(row['true']) == number(row['true'])]
-    for title, some in (('mechanisms', [r for r in known if r['family']]), ('scenes', [r for r in known if not r['family']])):
+    for title, some in (
+        ('mechanisms', [r for r in known if r['family']]),
+        ('scenes', [r for r in known if not r['family']]),
+    ):
         if some:
             report.text(f'## {title.capitalize()}')
             report.table(
-                title, [_counts(h, [r for r in some if r['h'] == h]) for h in sorted({r['h'] for r in some})] + [_counts(0.0, some)]
+                title,
+                [_counts(h, [r for r in some if r['h'] == h]) for h in sorted({r['h'] for r in some})]
+                + [_counts(0.0, some)],
             )
     report.table('runs', rows, shown=False)
     of_all = _counts(0.0, known)
@@ -129,7 +135,8 @@ def _of_scene(name: str, steps: Sequence[float]) -> dict[str, Any]:
 
 
 class Reference:
-    """Two runs of the scene of a simulation from its start, with steps of `finest` and twice that [s]: numbers every so often [s]."""
+    """Two runs of the scene of a simulation from its start, with steps of `finest` and twice that [s]: numbers every so
+    often [s]."""
 
     def __init__(self, simulation: Simulation, duration: float, finest: float, every: float) -> None:
         self.every, self.runs = every, list[np.ndarray]()
@@ -181,8 +188,10 @@ def _run(scene: Scene, family: str, name: str, reference: Reference) -> dict[str
     found, before = weighed(simulation, envelope, error=bar), weighed(simulation, envelope)
     true, quantity, spread = _true(simulation, np.array(rows), reference.at(np.array(twin.instants) * h))
     return {
-        'family': family, 'name': name, 'h': h, 'status': status_of(found.suspect), 'before': status_of(before.suspect), 'true': true,
-        'quantity': quantity, 'spread': spread, 'stated': _stated(bar), 'sensitive': bar.sensitive is not None, 'text': bar.text,
+        'family': family, 'name': name, 'h': h, 'status': status_of(found.suspect), 'before': status_of(before.suspect),
+        'true': true,
+        'quantity': quantity, 'spread': spread, 'stated': _stated(bar), 'sensitive': bar.sensitive is not None,
+        'text': bar.text,
         'findings': '; '.join(f'{f.quantity} {f.of} {f.value:.3g}' for f in found.suspect),
     }  # fmt: skip
 
@@ -193,7 +202,8 @@ def _stated(bar: ErrorBar) -> float:
 
 
 def _true(simulation: Simulation, rows: np.ndarray, fine: Sequence[np.ndarray]) -> tuple[float, str, float]:
-    """(largest true share of the deciding quantities, which one, that between both references); nan without a reference."""
+    """(largest true share of the deciding quantities, which one, that between both references); nan without a
+    reference."""
     if not fine:
         return np.nan, '', np.nan
     worst, which, spread = 0.0, '', 0.0

@@ -32,7 +32,8 @@ CARS = {
     'full_car': Range(), 'light_car': Range(), 'compact_fwd': Range(), 'pickup_awd': Range(), 'electric_4wd': Range(),
     'formula_student': Range(travel=0.025, steering=2.0, force=1000.0, moment=30.0),
 }  # fmt: skip
-ALIKE = {'toe': 5e-5, 'camber': 5e-5}  # rad, left against right: the column on one side turns with the subframe on its mounts
+# rad, left against right: the column on one side turns with the subframe on its mounts
+ALIKE = {'toe': 5e-5, 'camber': 5e-5}
 
 Curves = dict[str, dict[str, np.ndarray]]
 
@@ -42,11 +43,14 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
     count = 7 if quick else 25
     report = Report(out, 'Kinematics and compliance')
     report.text(
-        'The chassis is held in its design position, the tires are off, the wheels are locked to their carriers; travels, loads at the '
+        'The chassis is held in its design position, the tires are off, the wheels are locked to their carriers; '
+        'travels, loads at the '
         'contact points and the steering wheel are imposed, and every point is a static equilibrium '
-        '(`solver.analysis.kinematics_and_compliance`). Signs: toe-in positive, camber negative with the top inwards, steer positive '
+        '(`solver.analysis.kinematics_and_compliance`). Signs: toe-in positive, camber negative with the top inwards, '
+        'steer positive '
         'to the left, travel positive in bump. Curves are of left wheels; '
-        'that the right ones mirror them is checked. A car without bushings has no compliance and gets no picture of it but lines at rest.'
+        'that the right ones mirror them is checked. A car without bushings has no compliance and gets no picture of '
+        'it but lines at rest.'
     )
     data: dict[str, Any] = {}
     for k, (name, far) in enumerate(CARS.items()):
@@ -55,7 +59,10 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
         rig = Rig(load_scene('car_swept_steer', [f'vehicle=vehicles/{name}.yaml']).model)
         sweeps = {
             'travel': (x := np.linspace(-far.travel, far.travel, count), rig.travel(x.tolist())),
-            'roll': (x := np.linspace(-0.75 * far.travel, 0.75 * far.travel, count), rig.travel(x.tolist(), opposite=True)),
+            'roll': (
+                x := np.linspace(-0.75 * far.travel, 0.75 * far.travel, count),
+                rig.travel(x.tolist(), opposite=True),
+            ),
             'lateral': (x := np.linspace(-far.force, far.force, count), rig.loading('fy', x.tolist())),
             'aligning': (x := np.linspace(-far.moment, far.moment, count), rig.loading('mz', x.tolist())),
             'steering': (x := np.linspace(-far.steering, far.steering, count), rig.steering(x.tolist())),
@@ -89,7 +96,11 @@ def _sheet(report: Report, car: str, rig: Rig, sweeps: dict[str, tuple[np.ndarra
             }
         )
     inner, outer = sweeps['steering'][1]['front_left']['steer'][-1], sweeps['steering'][1]['front_right']['steer'][-1]
-    found |= {'inner_at_stop': float(inner), 'outer_at_stop': float(outer), 'ackermann_at_stop': float(ackermann_share(rig, inner, outer))}
+    found |= {
+        'inner_at_stop': float(inner),
+        'outer_at_stop': float(outer),
+        'ackermann_at_stop': float(ackermann_share(rig, inner, outer)),
+    }
     report.text(f'## {car.capitalize()}')
     report.table(f'{car.replace(" ", "_")}_figures', rows)
     report.text(
@@ -101,7 +112,8 @@ def _sheet(report: Report, car: str, rig: Rig, sweeps: dict[str, tuple[np.ndarra
 
 
 def roll_centers(sweep: tuple[np.ndarray, Curves], axle: str, track: float) -> np.ndarray:
-    """Height [m] of the roll centre over opposite travel, from the path of the contact point: half the track times dy/dz."""
+    """Height [m] of the roll centre over opposite travel, from the path of the contact point: half the track times
+    dy/dz."""
     z, curves = sweep
     return 0.5 * track * np.gradient(curves[f'{axle}_left']['contact_y'], z, edge_order=2)
 
@@ -109,7 +121,8 @@ def roll_centers(sweep: tuple[np.ndarray, Curves], axle: str, track: float) -> n
 def _tables(report: Report, car: str, sweeps: dict[str, tuple[np.ndarray, Curves]]) -> None:
     for sweep, (x, curves) in sweeps.items():
         rows = [
-            {sweep: float(value)} | {f'{corner}/{key}': float(curve[k]) for corner, c in curves.items() for key, curve in c.items()}
+            {sweep: float(value)}
+            | {f'{corner}/{key}': float(curve[k]) for corner, c in curves.items() for key, curve in c.items()}
             for k, value in enumerate(x)
         ]
         report.table(f'{car.replace(" ", "_")}_{sweep}', rows, shown=False)
@@ -120,7 +133,9 @@ def _pictures(report: Report, car: str, rig: Rig, sweeps: dict[str, tuple[np.nda
     for k, axle in enumerate(AXLES):
         colour, c = COLOURS[k], f'{axle}_left'
         track = rig.centers[c][1] - rig.centers[f'{axle}_right'][1]
-        (z, bump), (roll, opposite), (fy, lateral), (mz, align) = (sweeps[s] for s in ('travel', 'roll', 'lateral', 'aligning'))
+        (z, bump), (roll, opposite), (fy, lateral), (mz, align) = (
+            sweeps[s] for s in ('travel', 'roll', 'lateral', 'aligning')
+        )
         lines = [
             (1e3 * z, DEG * bump[c]['toe']),
             (1e3 * z, DEG * bump[c]['camber']),
@@ -143,7 +158,9 @@ def _pictures(report: Report, car: str, rig: Rig, sweeps: dict[str, tuple[np.nda
         ax.set(xlabel=x, ylabel=y)
     axes[0, 0].legend()
     report.figure(
-        f'{car.replace(" ", "_")}_travel', picture, f'{car}: wheel travel, roll (left wheel in bump), lateral force and aligning moment'
+        f'{car.replace(" ", "_")}_travel',
+        picture,
+        f'{car}: wheel travel, roll (left wheel in bump), lateral force and aligning moment',
     )
 
     picture, axes = figure(10.0, 3.0, 1, 3)
@@ -154,7 +171,13 @@ def _pictures(report: Report, car: str, rig: Rig, sweeps: dict[str, tuple[np.nda
     axes[0, 1].plot(DEG * wheel, 1.0 / np.gradient(0.5 * (left + right), wheel), color=COLOURS[0])
     inner = np.linspace(0.02, max(left.max(), 0.05), 40)
     axes[0, 2].plot(DEG * left[left > 0.0], DEG * (left - right)[left > 0.0], color=COLOURS[0], label='car')
-    axes[0, 2].plot(DEG * inner, DEG * np.array([a - ackermann(rig, a) for a in inner]), color=COLOURS[5], ls='--', label='Ackermann')
+    axes[0, 2].plot(
+        DEG * inner,
+        DEG * np.array([a - ackermann(rig, a) for a in inner]),
+        color=COLOURS[5],
+        ls='--',
+        label='Ackermann',
+    )
     axes[0, 0].set(xlabel='steering wheel [deg]', ylabel='road wheel [deg]')
     axes[0, 1].set(xlabel='steering wheel [deg]', ylabel='ratio, local')
     axes[0, 2].set(xlabel='inner wheel [deg]', ylabel='inner less outer [deg]')
@@ -173,7 +196,13 @@ def _judge(report: Report, car: str, sweeps: dict[str, tuple[np.ndarray, Curves]
     report.check(f'{car}: steering to both sides differs [rad]', uneven, 1e-4)
     for axle in AXLES:
         stiffest = float(np.diff(bump[f'{axle}_left']['load']).min())
-        report.check(f'{car}: load of the {axle} wheel grows with travel [N per point, least]', stiffest, 0.0, least=True)
-    ratio = float((1.0 / np.gradient(0.5 * (steer['front_left']['steer'] + steer['front_right']['steer']), wheel)).min())
-    middle = float(1.0 / np.gradient(0.5 * (steer['front_left']['steer'] + steer['front_right']['steer']), wheel)[len(wheel) // 2])
+        report.check(
+            f'{car}: load of the {axle} wheel grows with travel [N per point, least]', stiffest, 0.0, least=True
+        )
+    ratio = float(
+        (1.0 / np.gradient(0.5 * (steer['front_left']['steer'] + steer['front_right']['steer']), wheel)).min()
+    )
+    middle = float(
+        1.0 / np.gradient(0.5 * (steer['front_left']['steer'] + steer['front_right']['steer']), wheel)[len(wheel) // 2]
+    )
     report.check(f'{car}: least local ratio of the steering, of that in the middle', ratio / middle, 0.6, least=True)

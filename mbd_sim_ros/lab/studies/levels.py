@@ -22,7 +22,14 @@ JUDGED: dict[Fidelity, tuple[float, tuple[str, ...]]] = {  # level: error allowe
     'kc': (0.02, HANDLING),
     'single_track': (0.05, ('yaw_rate',)),
 }
-JUDGED_COURSES = 'step steer 0.4 g', 'sine with dwell 3 A', 'swept sine 0.3 g', 'braking 0.5 g', 'pulling 0.2 g', 'road of 2 m'
+JUDGED_COURSES = (
+    'step steer 0.4 g',
+    'sine with dwell 3 A',
+    'swept sine 0.3 g',
+    'braking 0.5 g',
+    'pulling 0.2 g',
+    'road of 2 m',
+)
 BELOW_HALF_G = 'step steer 0.4 g', 'swept sine 0.3 g', 'braking 0.5 g', 'pulling 0.2 g'  # where single_track is judged
 
 
@@ -30,8 +37,10 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
     """See mbd_sim_ros.lab.studies."""
     report = Report(out, 'Levels of detail')
     report.text(
-        'Every level of a vehicle drives the six maneuvers of `solver.levels.error_sheet` beside the whole vehicle, both with steps of '
-        '1 ms. Errors are root mean squares over the run in parts of the peak of the whole vehicle, of the wheels that with the largest. '
+        'Every level of a vehicle drives the six maneuvers of `solver.levels.error_sheet` beside the whole vehicle, '
+        'both with steps of '
+        '1 ms. Errors are root mean squares over the run in parts of the peak of the whole vehicle, of the wheels that '
+        'with the largest. '
         'What a level does not publish has no figure. What a step costs is measured by `mbd bench --cases car_levels`.'
     )
     data: dict[str, Any] = {}
@@ -58,7 +67,9 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
             allowed, quantities = JUDGED[level]
             judged = BELOW_HALF_G if level == 'single_track' else JUDGED_COURSES
             for name in quantities:
-                worst = max((f.rms for f in figures if f.quantity == name and f.maneuver in judged), default=float('nan'))
+                worst = max(
+                    (f.rms for f in figures if f.quantity == name and f.maneuver in judged), default=float('nan')
+                )
                 report.check(f'{car}, {level}: {name.replace("_", " ")}, RMS error of the peak', worst, allowed)
             data.setdefault(car, {})[level] = [dataclasses.asdict(f) for f in figures]
         if errors:

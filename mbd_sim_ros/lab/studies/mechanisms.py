@@ -42,7 +42,8 @@ def study(out: Path, *, quick: bool, progress: Progress, n: int | None = None, s
     rows = []
     cells = Cells(out / 'cells')
     with warnings.catch_warnings():
-        warnings.filterwarnings('ignore', category=LinAlgWarning)  # of references at singular positions, whose steps then fail
+        # of references at singular positions, whose steps then fail
+        warnings.filterwarnings('ignore', category=LinAlgWarning)
         for k in range(count):
             mechanism = drawn(k, seed)
             progress(f'{k} of {count}: {mechanism.family}', k / count)
@@ -53,10 +54,12 @@ def study(out: Path, *, quick: bool, progress: Progress, n: int | None = None, s
     report = Report(out, 'Random mechanisms')
     runs = [run for row in rows for run in row['runs']]
     report.text(
-        f'{count} mechanisms (seed {seed}) of {len(FAMILIES)} families, {DURATION:g} s each, at {", ".join(f"{h * 1e3:g}" for h in STEPS)} '
+        f'{count} mechanisms (seed {seed}) of {len(FAMILIES)} families, {DURATION:g} s each, at '
+        f'{", ".join(f"{h * 1e3:g}" for h in STEPS)} '
         'ms with default settings. A run is right when its largest error, looked at every '
         f'{SAMPLE * 1e3:g} ms, is at most {WORSE:g} times what second order predicts from the other steps '
-        '(mbd_sim_ros.lab.mechanisms.judgement), told when it failed or is suspect, else silently wrong, or undecided where two references '
+        '(mbd_sim_ros.lab.mechanisms.judgement), told when it failed or is suspect, else silently wrong, or undecided '
+        'where two references '
         'do not agree.'
     )
     table = []
@@ -71,7 +74,8 @@ def study(out: Path, *, quick: bool, progress: Progress, n: int | None = None, s
                 **{name: sum(run['judgement'] == name for run in judged) for name in (RIGHT, TOLD, UNDECIDED, WRONG)},
                 'failed': sum(run['status'] in ('error', 'refused') for run in judged),
                 'largest error / allowed': max(
-                    (run['error'] / run['allowed'] for run in judged if run['judgement'] == RIGHT and run['allowed']), default=np.nan
+                    (run['error'] / run['allowed'] for run in judged if run['judgement'] == RIGHT and run['allowed']),
+                    default=np.nan,
                 ),
             }
         )
@@ -83,9 +87,14 @@ def study(out: Path, *, quick: bool, progress: Progress, n: int | None = None, s
         [
             {
                 'step [ms]': h * 1e3,
-                **{name: sum(run['judgement'] == name for run in runs if run['h'] == h) for name in (RIGHT, TOLD, UNDECIDED, WRONG)},
+                **{
+                    name: sum(run['judgement'] == name for run in runs if run['h'] == h)
+                    for name in (RIGHT, TOLD, UNDECIDED, WRONG)
+                },
                 'failed': sum(run['status'] in ('error', 'refused') for run in runs if run['h'] == h),
-                'median error': float(np.nanmedian([number(run['error']) for run in runs if run['h'] == h and run['status'] == 'ok'])),
+                'median error': float(
+                    np.nanmedian([number(run['error']) for run in runs if run['h'] == h and run['status'] == 'ok'])
+                ),
             }
             for h in STEPS
         ],
@@ -95,8 +104,14 @@ def study(out: Path, *, quick: bool, progress: Progress, n: int | None = None, s
         report.text(f'## What was not right (the first {SHOWN} of {len(unclear)} runs)')
         report.table('not_right', [_line(row, run) for row, run in unclear], shown=False)
         report.text('\n'.join(f'- {_sentence(row, run)}' for row, run in unclear[:SHOWN]))
-    report.figure('errors', _picture(rows), 'Error of every run over what its step does not see of the motion; lines: their ratio')
-    failed = sum(run['status'] in ('error', 'refused') and number(row['spread']) < RESOLVING for row in rows for run in row['runs'])
+    report.figure(
+        'errors', _picture(rows), 'Error of every run over what its step does not see of the motion; lines: their ratio'
+    )
+    failed = sum(
+        run['status'] in ('error', 'refused') and number(row['spread']) < RESOLVING
+        for row in rows
+        for run in row['runs']
+    )
     wrong, beyond = silent(rows)
     report.check(SILENT, wrong, 0)
     report.check(BEYOND, beyond, 0)

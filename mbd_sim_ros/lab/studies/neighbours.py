@@ -1,7 +1,9 @@
-"""Errors held against those of the neighbouring steps alone, beside the judgement by all others (mbd_sim_ros.lab.mechanisms.judgement).
+"""Errors held against those of the neighbouring steps alone, beside the judgement by all others
+(mbd_sim_ros.lab.mechanisms.judgement).
 
-The next coarser and the next finer run may have missed the motion themselves, and then allow much; the other steps that are ok allow less,
-but where few of them resolve the motion they compare a run with what it cannot know. So both are counted.
+The next coarser and the next finer run may have missed the motion themselves, and then allow much; the other steps that
+are ok allow less, but where few of them resolve the motion they compare a run with what it cannot know. So both are
+counted.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Success and error of the slider-crank over penalty and step, in both forms of the linear solve, and where an erratic range comes from."""
+"""Success and error of the slider-crank over penalty and step, in both forms of the linear solve, and where an erratic
+range comes from."""
 
 from __future__ import annotations
 
@@ -12,7 +13,9 @@ from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
 from solver.step.settings import IntegratorSettings
 from solver.step.work import scheme_parameters
 
-SUMMARY = 'success and error of the slider-crank over penalty 1e1 to 1e13 and step, and the erratic middle range explained'
+SUMMARY = (
+    'success and error of the slider-crank over penalty 1e1 to 1e13 and step, and the erratic middle range explained'
+)
 PENALTIES, QUICK_PENALTIES = 10.0 ** np.arange(1, 14), 10.0 ** np.array([3.0, 4.0, 6.0])
 STEPS, QUICK_STEPS = crank.STEPS, (0.02, 0.01)
 PHASES, QUICK_PHASES = 6, 2
@@ -35,7 +38,8 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     penalties, steps, phases = (QUICK_PENALTIES, QUICK_STEPS, QUICK_PHASES) if quick else (PENALTIES, STEPS, PHASES)
     report = Report(out, 'Penalty and step')
     report.text(
-        f'Slider-crank with 26 constraints, {phases} starting phases (seed {crank.SEED}), {crank.DURATION:g} s each. A run is lost when a '
+        f'Slider-crank with 26 constraints, {phases} starting phases (seed {crank.SEED}), {crank.DURATION:g} s each. A '
+        'run is lost when a '
         'step fails or the mechanism leaves its branch. Errors are the largest of all phases.'
     )
     theta = crank.phases(phases)
@@ -64,7 +68,9 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
                     )
     report.table('penalty_map', rows, shown=False)
     report.figure(
-        'penalty_map', _maps(rows, phases, steps, penalties), 'Slider position error after 10 s [m], base-10 logarithm; numbers: lost runs'
+        'penalty_map',
+        _maps(rows, phases, steps, penalties),
+        'Slider position error after 10 s [m], base-10 logarithm; numbers: lost runs',
     )
     _judge(report, rows, steps)
     progress('matrices', 0.95)
@@ -74,7 +80,8 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
 
 
 def _judge(report: Report, rows: list[dict[str, Any]], steps: tuple[float, ...]) -> None:
-    """Which penalties lose runs, over which range the error is that of the penalty of the scheme, and where that lies in it."""
+    """Which penalties lose runs, over which range the error is that of the penalty of the scheme, and where that lies
+    in it."""
     summary = []
     for scheme, settings in SCHEMES.items():
         own = IntegratorSettings(**settings).penalty
@@ -107,7 +114,10 @@ def _plateau(rows: list[dict[str, Any]], steps: tuple[float, ...], own: float) -
     at = {(row['penalty'], row['h']): row for row in rows}
     penalties = sorted({row['penalty'] for row in rows})
     good = [
-        all(at[p, h]['lost'] == 0 and at[p, h]['position_error'] <= PLATEAU * at[own, h]['position_error'] for h in steps)
+        all(
+            at[p, h]['lost'] == 0 and at[p, h]['position_error'] <= PLATEAU * at[own, h]['position_error']
+            for h in steps
+        )
         for p in penalties
     ]
     first = last = penalties.index(own)
@@ -120,7 +130,9 @@ def _plateau(rows: list[dict[str, Any]], steps: tuple[float, ...], own: float) -
     return penalties[first : last + 1]
 
 
-def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray, steps: tuple[float, ...]) -> list[dict[str, float]]:
+def _matrices(
+    report: Report, rows: list[dict[str, Any]], penalties: np.ndarray, steps: tuple[float, ...]
+) -> list[dict[str, float]]:
     """Growth of an error of the iterate in one iteration beside a singular position, by step, penalty and place."""
     rate = float(crank.crank_rate(np.pi / 2, crank.slider_mass()))
     found = []
@@ -138,12 +150,23 @@ def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray,
                 exact, used = S + penalty * (B_s.T * W) @ B_e, S + penalty * (B_e.T * W) @ B_e
                 growth = np.abs(np.linalg.eigvals(np.eye(len(M)) - np.linalg.solve(used, exact))).max()
                 lowest = np.linalg.eigvals(exact).real.min() / (1.0 - scheme['am'])
-                found.append({'h': h, 'offset': float(offset), 'penalty': float(penalty), 'growth': float(growth), 'lowest': float(lowest)})
+                found.append(
+                    {
+                        'h': h,
+                        'offset': float(offset),
+                        'penalty': float(penalty),
+                        'growth': float(growth),
+                        'lowest': float(lowest),
+                    }
+                )
     report.table('newton_matrices', found, shown=False)
     worst = [
         {
             'step [ms]': h * 1e3,
-            **{f'{p:g}': max(row['growth'] for row in found if row['h'] == h and row['penalty'] == p) for p in penalties},
+            **{
+                f'{p:g}': max(row['growth'] for row in found if row['h'] == h and row['penalty'] == p)
+                for p in penalties
+            },
         }
         for h in steps
     ]
@@ -151,27 +174,44 @@ def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray,
     onset = {h: min((row['penalty'] for row in rows), default=np.inf) for h, rows in growing.items()}
     own = IntegratorSettings(**crank.CONSERVING).penalty
     largest = max(row['growth'] for row in found if row['penalty'] == own)
-    report.check('growth of an error beside a singular position at the penalty of the conserving setting, any step', largest, 0.5)
+    report.check(
+        'growth of an error beside a singular position at the penalty of the conserving setting, any step', largest, 0.5
+    )
     indefinite = sorted({row['penalty'] for row in found if row['lowest'] <= 0.0})
     report.text(
         '## Where the erratic range comes from, and how it is avoided',
-        'Of a step that ends just behind a singular position the residuals see the nearly free direction with opposite signs, A of the '
+        'Of a step that ends just behind a singular position the residuals see the nearly free direction with opposite '
+        'signs, A of the '
         'stage against A of the end. A matrix with both, S + A_s^T W A_e, loses its definiteness there '
-        + (f'(lowest eigenvalue below zero at penalties from {indefinite[0]:g})' if indefinite else '(not at the penalties seen here)')
-        + ': where that eigenvalue passes zero an increment has no bound. The matrix in use has A_e on both sides and cannot do that; what '
-        'is left is the growth of an error from one iteration to the next, the spectral radius of 1 - (S + A_e^T W A_e)^-1 (S + A_s^T W '
-        f'A_e). Its largest value within a step of theta = pi/2 (rho_inf {MATRIX_RHO:g}, S the inertia alone, speed of the mechanism '
+        + (
+            f'(lowest eigenvalue below zero at penalties from {indefinite[0]:g})'
+            if indefinite
+            else '(not at the penalties seen here)'
+        )
+        + ': where that eigenvalue passes zero an increment has no bound. The matrix in use has A_e on both sides and '
+        'cannot do that; what '
+        'is left is the growth of an error from one iteration to the next, the spectral radius of 1 - (S + A_e^T W '
+        'A_e)^-1 (S + A_s^T W '
+        f'A_e). Its largest value within a step of theta = pi/2 (rho_inf {MATRIX_RHO:g}, S the inertia alone, speed of '
+        'the mechanism '
         'there), by step and penalty:',
     )
     report.table('growth', worst)
     powers = [_power(found, h) for h in steps]
-    exponent = ', '.join(f'{power:.2f} at {h * 1e3:g} ms' for h, power in zip(steps, powers, strict=True) if np.isfinite(power))
+    exponent = ', '.join(
+        f'{power:.2f} at {h * 1e3:g} ms' for h, power in zip(steps, powers, strict=True) if np.isfinite(power)
+    )
     middle = [row for row in rows if MIDDLE[0] <= row['penalty'] <= MIDDLE[1]]
     lost = {scheme: sum(row['lost'] for row in middle if row['scheme'] == scheme) for scheme in SCHEMES}
-    outside = {form: sum(row['lost'] for row in rows if row['form'] == form and row['penalty'] > MIDDLE[1]) for form in FORMS}
+    outside = {
+        form: sum(row['lost'] for row in rows if row['form'] == form and row['penalty'] > MIDDLE[1]) for form in FORMS
+    }
     report.text(
-        'Where it exceeds 1 it grows with the penalty to the power ' + (exponent or '(not seen here)') + ' (0.5 from theory: the free '
-        'direction is seen by a constraint with s = angle, and s_e (s_e - s_s) xi / (1 + xi s_e^2) is largest at s_e = xi^(-1/2)), and '
+        'Where it exceeds 1 it grows with the penalty to the power '
+        + (exponent or '(not seen here)')
+        + ' (0.5 from theory: the free '
+        'direction is seen by a constraint with s = angle, and s_e (s_e - s_s) xi / (1 + xi s_e^2) is largest at s_e = '
+        'xi^(-1/2)), and '
         'the places where it is large shrink with the same root: a small penalty leaves the free direction to its '
         'inertia, a very large one is seldom met, and between the two it is a matter of phase whether a run meets '
         'such a place. That is the erratic middle range. Above 1 from the penalty '
@@ -179,18 +219,23 @@ def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray,
         + f' (of those computed). At the penalty of the conserving setting, {own:g}, it is at most '
         f'{largest:.2g}. Runs lost at penalties from {MIDDLE[0]:g} to {MIDDLE[1]:g}, by scheme: '
         + ', '.join(f'{scheme} {count}' for scheme, count in lost.items())
-        + '; damping (rho_inf < 1) takes a kick away that the undamped scheme carries on, which is why the default setting can have '
-        f'{IntegratorSettings().penalty:g}. Smaller penalties do not enforce the constraints in the iterations there are; larger ones lose '
+        + '; damping (rho_inf < 1) takes a kick away that the undamped scheme carries on, which is why the default '
+        'setting can have '
+        f'{IntegratorSettings().penalty:g}. Smaller penalties do not enforce the constraints in the iterations there '
+        'are; larger ones lose '
         'to rounding: '
         + ', '.join(f'{form} form {count}' for form, count in outside.items())
         + ' runs lost there (with redundant rows the block matrix tends to a singular one).',
     )
-    report.figure('growth', _growth(found, penalties, steps), 'Growth of an error per iteration beside a singular position')
+    report.figure(
+        'growth', _growth(found, penalties, steps), 'Growth of an error per iteration beside a singular position'
+    )
     return worst
 
 
 def _power(found: list[dict[str, float]], h: float) -> float:
-    """Exponent of the penalty in the largest growth, where that is above 1 and not yet as large as the places looked at can show."""
+    """Exponent of the penalty in the largest growth, where that is above 1 and not yet as large as the places looked at
+    can show."""
     largest: dict[float, float] = {}
     for row in found:
         if row['h'] == h:
@@ -214,7 +259,16 @@ def _maps(rows: list[dict[str, Any]], phases: int, steps: tuple[float, ...], pen
             for p in range(len(penalties)):
                 for s in range(len(steps)):
                     if lost[i, j, p, s]:
-                        ax.text(p, s, f'{lost[i, j, p, s]}', ha='center', va='center', fontsize=7, color='#c0392b', weight='bold')
+                        ax.text(
+                            p,
+                            s,
+                            f'{lost[i, j, p, s]}',
+                            ha='center',
+                            va='center',
+                            fontsize=7,
+                            color='#c0392b',
+                            weight='bold',
+                        )
             ax.set_title(f'{scheme}, {form} (of {phases} runs)', loc='left', fontsize=9)
             ax.set_xticks(range(len(penalties)), [f'1e{round(np.log10(p))}' for p in penalties], fontsize=7)
             ax.set_yticks(range(len(steps)), [f'{h * 1e3:g} ms' for h in steps], fontsize=7)
@@ -233,14 +287,22 @@ def _growth(found: list[dict[str, float]], penalties: np.ndarray, steps: tuple[f
             'o-', ms=3, lw=1.2, color=COLOURS[k], label=f'{h * 1e3:g} ms',
         )  # fmt: skip
     left.axhline(1.0, color='#555555', lw=0.8, ls='--')
-    left.axvline(IntegratorSettings(**crank.CONSERVING).penalty, color='#555555', lw=0.8, ls=':', label='conserving setting')
+    left.axvline(
+        IntegratorSettings(**crank.CONSERVING).penalty, color='#555555', lw=0.8, ls=':', label='conserving setting'
+    )
     left.set_xlabel('penalty')
     left.set_title('largest growth', loc='left', fontsize=9)
     left.legend(fontsize=7, frameon=False)
     shown = penalties[3 :: max(1, len(penalties) // 4)]
     for k, penalty in enumerate(shown if len(shown) else penalties):
         mine = [row for row in found if (row['h'], row['penalty']) == (steps[0], penalty)]
-        right.semilogy([row['offset'] for row in mine], [row['growth'] for row in mine], lw=1.2, color=COLOURS[k], label=f'{penalty:g}')
+        right.semilogy(
+            [row['offset'] for row in mine],
+            [row['growth'] for row in mine],
+            lw=1.2,
+            color=COLOURS[k],
+            label=f'{penalty:g}',
+        )
     right.axhline(1.0, color='#555555', lw=0.8, ls='--')
     right.set_xlabel('end of the step behind the singular position [steps]')
     right.set_title(f'where, at {steps[0] * 1e3:g} ms', loc='left', fontsize=9)

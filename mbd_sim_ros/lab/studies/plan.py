@@ -1,5 +1,5 @@
-"""Study of the plans: what `mbd plan` chooses on six scenes with three requirements each, what it takes, held against maneuvers it has not
-seen and against the cheapest of the whole grid, which is looked for afterwards."""
+"""Study of the plans: what `mbd plan` chooses on six scenes with three requirements each, what it takes, held against
+maneuvers it has not seen and against the cheapest of the whole grid, which is looked for afterwards."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ from solver.trade.search import UNSEEN, Search
 from solver.trade.setting import Setting, baseline
 from solver.trade.variations import Variation, effective, inside
 
-SUMMARY = 'plans of six scenes with three requirements each: maneuvers they have not seen, cost against the cheapest of the grid, time'
+SUMMARY = (
+    'plans of six scenes with three requirements each: maneuvers they have not seen, cost against the cheapest '
+    'of the grid, time'
+)
 CORES = 2  # that a plan has LONGEST seconds on
 LEAST_UNSEEN = 20
 DEAREST = 1.5  # of the cheapest of the grid
@@ -48,7 +51,9 @@ SCENES: dict[str, Callable[[list[str]], Scene]] = {
     'step steer': lambda more: load_scene('car_step_steer', ['duration=4', *more]),
     'swept steer at the limit': lambda more: load_scene('car_swept_steer', ['duration=6', *more]),
     'double lane change': lambda more: load_scene('car_lane_change', ['duration=6.5', *more]),
-    'braking on split friction': lambda more: load_scene('car_split_mu_brake', ['duration=4', 'maneuver.brake_torque.start=0.5', *more]),
+    'braking on split friction': lambda more: load_scene(
+        'car_split_mu_brake', ['duration=4', 'maneuver.brake_torque.start=0.5', *more]
+    ),
     'rough road': lambda more: load_scene('car_rough_road', ['duration=4', *more]),
 }
 YAW = '{yaw_rate: {rms: 5 %}}'
@@ -75,7 +80,10 @@ WISHES = (
     Wish('rough road', '{roll: {rms: 5 %}, position: {max: 0.1 m}}'),
     Wish('step steer', EXACT),
     Wish('level cruise', '{pitch: {rms: 2 %}, position: {max: 1 mm}}'),
-    *(Wish(scene, HANDLING) for scene in ('swept steer at the limit', 'double lane change', 'braking on split friction')),
+    *(
+        Wish(scene, HANDLING)
+        for scene in ('swept steer at the limit', 'double lane change', 'braking on split friction')
+    ),
     Wish('rough road', '{wheel_load.front_left: {rms: 0.1 %}, wheel_load.rear_right: {rms: 0.1 %}}'),
 )
 HOP, TURN, TIGHT = Wish('rough road', LOADS), Wish('step steer', YAW), Wish('step steer', EXACT)
@@ -84,8 +92,13 @@ NEVER = Wish('step steer', IMPOSSIBLE)
 
 def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> dict:
     """See mbd_sim_ros.lab.studies. Plans are made one after the other, each on all cores that this process may use."""
-    cores, startup = len(os.sched_getaffinity(0)), time.process_time()  # what this process took to be ready every command takes
-    wishes = (Wish('level cruise', '{position: {max: 0.5 m}}'),) if quick else tuple(dict.fromkeys((TURN, HOP, TIGHT, NEVER, *WISHES)))
+    # what this process took to be ready every command takes
+    cores, startup = len(os.sched_getaffinity(0)), time.process_time()
+    wishes = (
+        (Wish('level cruise', '{position: {max: 0.5 m}}'),)
+        if quick
+        else tuple(dict.fromkeys((TURN, HOP, TIGHT, NEVER, *WISHES)))
+    )
     rows: dict[Wish, dict[str, Any]] = {}
     cells = Cells(out / 'cells')
     for k, wish in enumerate(wishes):
@@ -96,21 +109,34 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
         rows[wish] = cells.cell(str(wish), lambda wish=wish, said=said: made(wish, cores, quick, said, startup))  # type: ignore[misc]
     report = Report(out, 'Plans')
     report.text(
-        'Every plan is made from nothing but its scene and what is required of it, and then held against maneuvers that had no part in '
-        f'it, at least {LEAST_UNSEEN} of them, and against the cheapest setting of the grid (level, step, iterations, damping) that keeps '
-        'the same limits on the same maneuvers by the same rule: on those that served to choose its errors of model, step and iteration '
-        'do not add up to more than a limit, and on all its own error is within the limits. Of all that are cheaper every one is tried. '
-        'Settings that keep the limits only because these errors cancel no plan may take; the last columns say how much cheaper the '
-        'cheapest is where they count too. Costs are CPU seconds per simulated second by counters. A plan knows nothing of others of its '
-        'vehicle, and references on maneuvers that it has not seen are made anew from converged runs, finer than its own. What it took is '
-        'CPU time, in full runs as a command (start of the program, of the scene, and all steps as the scene gives them) and in steps of '
+        'Every plan is made from nothing but its scene and what is required of it, and then held against maneuvers '
+        'that had no part in '
+        f'it, at least {LEAST_UNSEEN} of them, and against the cheapest setting of the grid (level, step, iterations, '
+        'damping) that keeps '
+        'the same limits on the same maneuvers by the same rule: on those that served to choose its errors of model, '
+        'step and iteration '
+        'do not add up to more than a limit, and on all its own error is within the limits. Of all that are cheaper '
+        'every one is tried. '
+        'Settings that keep the limits only because these errors cancel no plan may take; the last columns say how '
+        'much cheaper the '
+        'cheapest is where they count too. Costs are CPU seconds per simulated second by counters. A plan knows '
+        'nothing of others of its '
+        'vehicle, and references on maneuvers that it has not seen are made anew from converged runs, finer than its '
+        'own. What it took is '
+        'CPU time, in full runs as a command (start of the program, of the scene, and all steps as the scene gives '
+        'them) and in steps of '
         'the full run alone; levels that are derived once for the vehicle are not part of it. '
         f'Made on {cores} core{"s" * (cores > 1)}; time is given for {CORES}.'
     )
     report.table('plans', [shown(wish, row) for wish, row in rows.items()])
     for wish, row in rows.items():
         if wish == NEVER:
-            report.check(f'{wish}: plans that say no, and why', float(row['status'] == 'no' and bool(row['give'])), 1.0, least=True)
+            report.check(
+                f'{wish}: plans that say no, and why',
+                float(row['status'] == 'no' and bool(row['give'])),
+                1.0,
+                least=True,
+            )
             continue
         if not quick:
             report.check(f'{wish}: unseen maneuvers', row['passed'] + row['failed'], LEAST_UNSEEN, least=True)
@@ -119,22 +145,39 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
         report.check(f'{wish}: time on {CORES} cores [s]', row['took'] * cores / CORES, ALLOWED)
         report.check(f'{wish}: CPU time over that of the full run', number(row['full_runs']), TIMES)
     if not quick:
-        report.check('wheel-hop loads take another level than yaw rate', float(rows[HOP]['level'] != rows[TURN]['level']), 1.0, least=True)
+        report.check(
+            'wheel-hop loads take another level than yaw rate',
+            float(rows[HOP]['level'] != rows[TURN]['level']),
+            1.0,
+            least=True,
+        )
         tight = rows[TIGHT]
         full = tight['level'] == 'full' and number(tight['h']) <= SMALL
         report.check('1e-5 m takes the full vehicle and a small step', float(full), 1.0, least=True)
-    answers = [{'scene': wish.scene, 'required': wish.require, **line} for wish, row in rows.items() for line in row['first']]
-    report.text('## First answers', 'What was answered before the search, and whether level and step were those of the plan in the end.')
+    answers = [
+        {'scene': wish.scene, 'required': wish.require, **line} for wish, row in rows.items() for line in row['first']
+    ]
+    report.text(
+        '## First answers',
+        'What was answered before the search, and whether level and step were those of the plan in the end.',
+    )
     report.table('first answers', answers)
-    agreed = {basis: [a['agrees'] for a in answers if a['basis'] == basis and a['agrees'] is not None] for basis in (RULE, TWIN)}
+    agreed = {
+        basis: [a['agrees'] for a in answers if a['basis'] == basis and a['agrees'] is not None]
+        for basis in (RULE, TWIN)
+    }
     report.text('; '.join(f'{basis}: {sum(found)} of {len(found)} agreed' for basis, found in agreed.items()) + '.')
-    report.text('## What the runs were for', 'Runs (and starts that were sought) of all these plans together, and their CPU time.')
+    report.text(
+        '## What the runs were for',
+        'Runs (and starts that were sought) of all these plans together, and their CPU time.',
+    )
     report.table('purposes', purposes(list(rows.values())))
     chance = [{'scene': wish.scene, **line} for wish, row in rows.items() for line in row['cancelling']]
     if chance:
         report.text(
             '## Errors that cancel',
-            'Settings that are cheaper than the cheapest by the rule and keep the limits all the same, with the maneuver on which their '
+            'Settings that are cheaper than the cheapest by the rule and keep the limits all the same, with the '
+            'maneuver on which their '
             'errors by origin add up to most, in shares of the limit. The error is that of the setting itself there.',
         )
         report.table('cancelling', chance)
@@ -150,9 +193,12 @@ def shown(wish: Wish, row: dict[str, Any]) -> dict[str, Any]:
     return {
         'scene': wish.scene, 'required': wish.require, 'plan': row['setting'] or row['status'],
         'unseen passed': row['passed'], 'failed': row['failed'], 'largest share of a limit': row['largest'],
-        'cheapest of the grid': row['cheapest'] or '', 'dearer': row['dearer'], 'of the full vehicle': row['cost_ratio'],
-        'CPU [s]': row['cpu'], 'full runs': row['full_runs'], 'steps of the full run': row['step_runs'], 'runs': row['runs_made'],
-        'time [s]': row['took'], 'cheapest where errors may cancel': row['cheapest_by_chance'], 'dearer than that': row['dearer_by_chance'],
+        'cheapest of the grid': row['cheapest'] or '', 'dearer': row['dearer'], 'of the full '
+            'vehicle': row['cost_ratio'],
+        'CPU [s]': row['cpu'], 'full runs': row['full_runs'], 'steps of the full '
+            'run': row['step_runs'], 'runs': row['runs_made'],
+        'time [s]': row['took'], 'cheapest where errors may '
+            'cancel': row['cheapest_by_chance'], 'dearer than that': row['dearer_by_chance'],
     }  # fmt: skip
 
 
@@ -161,7 +207,12 @@ def purposes(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     found = []
     for purpose in PURPOSES:
         spent = [row['runs'][purpose] for row in rows if purpose in row['runs']]
-        found.append({'purpose': purpose, **{what: sum(one[what] for one in spent) for what in ('runs', 'starts', 'steps', 'cpu')}})
+        found.append(
+            {
+                'purpose': purpose,
+                **{what: sum(one[what] for one in spent) for what in ('runs', 'starts', 'steps', 'cpu')},
+            }
+        )
     return found
 
 
@@ -170,19 +221,26 @@ def made(wish: Wish, cores: int, quick: bool, progress: Callable[[str, float], N
     scene = SCENES[wish.scene]([*(['duration=1'] if quick else []), f'require={wish.require}'])
     levels = () if quick else tuple(LEVELS)
     search = Search(
-        scene, workers=cores, longest=LONGEST * CORES / cores, times=math.inf if quick else TIMES, startup=startup, levels=levels,
+        scene, workers=cores, longest=LONGEST * CORES / cores, times=math.inf if quick else TIMES, startup=startup,
+        levels=levels,
         unseen=2 if quick else None, progress=progress,
     )  # fmt: skip
     data = plan(search)
     price = data['price']
-    steps = search.scene.duration * cost_of(search.bench, dataclasses.replace(baseline(search.scene), h=search.scene.integrator.h))
+    steps = search.scene.duration * cost_of(
+        search.bench, dataclasses.replace(baseline(search.scene), h=search.scene.integrator.h)
+    )
     found: dict[str, Any] = {
-        'status': data['status'], 'level': None, 'h': None, 'setting': '', 'passed': 0, 'failed': 0, 'largest': None, 'cheapest': '',
-        'dearer': None, 'cost_ratio': data['cost_ratio'], 'took': data['took'], 'give': data['give'], 'notes': data['notes'],
+        'status': data['status'], 'level': None, 'h': None, 'setting': '', 'passed': 0, 'failed': 0, 'largest': None,
+        'cheapest': '',
+        'dearer': None, 'cost_ratio': data['cost_ratio'], 'took': data['took'], 'give': data['give'],
+        'notes': data['notes'],
         'levels': data['levels'], 'cheapest_by_chance': '', 'dearer_by_chance': None, 'cancelling': [],
-        'cpu': price['cpu'], 'full_runs': price['full_runs'], 'step_runs': (price['cpu'] - startup) / steps, 'runs': price['runs'],
+        'cpu': price['cpu'], 'full_runs': price['full_runs'], 'step_runs': (price['cpu'] - startup) / steps,
+        'runs': price['runs'],
         'runs_made': sum(one['runs'] for one in price['runs'].values()), 'checked': data['unseen']['passed'],
-        'first': [{name: one[name] for name in ('setting', 'basis', 'after', 'cost_ratio', 'agrees')} for one in data['first']],
+        'first': [{name: one[name] for name in ('setting', 'basis', 'after', 'cost_ratio',
+        'agrees')} for one in data['first']],
     }  # fmt: skip
     if search.result is None:
         return found
@@ -210,8 +268,8 @@ def made(wish: Wish, cores: int, quick: bool, progress: Callable[[str, float], N
 
 
 def converged(search: Search) -> Bench:
-    """A bench that shares nothing with that of a plan but the prices of steps. Its references are the limits of two or three steps
-    iterated to tolerance on every maneuver, no coarser than reference.STEPS."""
+    """A bench that shares nothing with that of a plan but the prices of steps. Its references are the limits of two or
+    three steps iterated to tolerance on every maneuver, no coarser than reference.STEPS."""
     bench, prices = search.bench, {key: price for key, price in search.bench.made.items() if key[0] == 'price'}
     steps = min(reference.STEPS, bench.steps, key=lambda steps: steps[-1])
     return Bench(bench.scene, bench.names, steps, bench.requirements, bench.seen, made=prices)
@@ -236,7 +294,8 @@ def unseen(search: Search, setting: Setting, count: int) -> list[Check]:
 
 
 class Cheaper(NamedTuple):
-    """A setting that keeps the limits. cancelling: where its errors by origin add up to more than a limit; None: nowhere."""
+    """A setting that keeps the limits. cancelling: where its errors by origin add up to more than a limit; None:
+    nowhere."""
 
     setting: Setting
     cost: float  # CPU seconds per simulated second
@@ -244,8 +303,8 @@ class Cheaper(NamedTuple):
 
 
 def cheaper_of_grid(search: Search, cost: float, checks: list[Check], levels: Sequence[str]) -> list[Cheaper]:
-    """The settings of the grid below a cost whose errors are within the limits on all these maneuvers, cheapest first, up to one that keeps
-    them by the rule of a plan."""
+    """The settings of the grid below a cost whose errors are within the limits on all these maneuvers, cheapest first,
+    up to one that keeps them by the rule of a plan."""
     bench, models = search.bench, [Setting()]
     for level in levels:
         setting = Setting(level=level)  # type: ignore[arg-type]
@@ -273,8 +332,8 @@ def cheaper_of_grid(search: Search, cost: float, checks: list[Check], levels: Se
 
 
 def cancelling(bench: Bench, setting: Setting) -> dict[str, Any] | None:
-    """Place where the errors of a setting by origin add up to most, on the maneuvers that served to choose; None: nowhere
-    above the limit."""
+    """Place where the errors of a setting by origin add up to most, on the maneuvers that served to choose; None:
+    nowhere above the limit."""
     bounds = [(bound, v) for v in bench.seen for bound in bounds_of(bench, v, setting)]
     worst, v = max(bounds, key=lambda entry: entry[0].used)
     if worst.used <= 1.0:

@@ -15,18 +15,27 @@ ENGINEERING = 1e-5  # what ours are made for ends here; what is finer is shown, 
 FLOOR = 100.0  # times the smallest error of a method, from where on rounding may show
 COSTS = {'cpu': 'CPU time [s]', 'factorizations': 'factorizations', 'evaluations': 'evaluations'}
 OURS = ('ALF', 'M-ALF')
-WITHOUT_CONSTRAINTS = 'MuJoCo'  # on open chains: what it does not have to solve no method with constraints can make up for
+# on open chains: what it does not have to solve no method with constraints can make up for
+WITHOUT_CONSTRAINTS = 'MuJoCo'
 INTRODUCTION = (
-    'Error: largest deviation of one coordinate (slider position or crank angle, change since the start) at equidistant instants from the '
-    'reference. CPU time: of stepping alone, start and compilation left out, on one core; the shortest of several runs for ours and '
-    'Exudyn. BDF, Radau and IDA integrate the same compiled model in the stabilised index-2 form (GGL), but with dense matrices put '
+    'Error: largest deviation of one coordinate (slider position or crank angle, change since the start) at '
+    'equidistant instants from the '
+    'reference. CPU time: of stepping alone, start and compilation left out, on one core; the shortest of several runs '
+    'for ours and '
+    'Exudyn. BDF, Radau and IDA integrate the same compiled model in the stabilised index-2 form (GGL), but with dense '
+    'matrices put '
     'together in Python: their CPU time is that of this coupling and says little about the methods; their counters do.',
-    'Exudyn integrates a planar model without redundant constraints (its best case; ours is the spatial one with all redundancies) by '
-    'generalized-alpha, rho 0.9, Newton tolerance 1e-8 and, "loose", 1e-4. Evaluations of Exudyn are its Newton iterations. M-ALF has the '
+    'Exudyn integrates a planar model without redundant constraints (its best case; ours is the spatial one with all '
+    'redundancies) by '
+    'generalized-alpha, rho 0.9, Newton tolerance 1e-8 and, "loose", 1e-4. Evaluations of Exudyn are its Newton '
+    'iterations. M-ALF has the '
     'penalty that is, on the average of constraints, the default one of ALF.',
-    'MuJoCo takes part on the open chains (pendulum, double pendulum, ten rods). It describes them by the angles of their hinges: no '
-    'constraint to keep, and a mass matrix of one, two and ten rows where ours has six coordinates a body. An evaluation of it is its '
-    'forward dynamics with one factorization of that matrix; RK4 makes four in a step, its implicit integrators one. Runs of more than '
+    'MuJoCo takes part on the open chains (pendulum, double pendulum, ten rods). It describes them by the angles of '
+    'their hinges: no '
+    'constraint to keep, and a mass matrix of one, two and ten rows where ours has six coordinates a body. An '
+    'evaluation of it is its '
+    'forward dynamics with one factorization of that matrix; RK4 makes four in a step, its implicit integrators one. '
+    'Runs of more than '
     '8 s of CPU are left out, and those of Exudyn with more than 50 000 steps.',
 )
 
@@ -52,13 +61,16 @@ def cheapest(points: Sequence[Point], cost: str, accuracy: float) -> dict[str, P
     """The cheapest run of every method with an error of at most `accuracy`."""
     found: dict[str, Point] = {}
     for point in points:
-        if point.error <= accuracy and (point.method not in found or getattr(point, cost) < getattr(found[point.method], cost)):
+        if point.error <= accuracy and (
+            point.method not in found or getattr(point, cost) < getattr(found[point.method], cost)
+        ):
             found[point.method] = point
     return found
 
 
 def order(points: Sequence[Point], method: str) -> float:
-    """Power of the number of evaluations with which the error falls, down to a hundred times the smallest: rounding has none."""
+    """Power of the number of evaluations with which the error falls, down to a hundred times the smallest: rounding has
+    none."""
     mine = [p for p in points if p.method == method and p.error > 0.0 and p.factorizations > 0]
     mine = [p for p in mine if p.error > FLOOR * min(q.error for q in mine)] or mine
     if len(mine) < 2:
@@ -66,8 +78,11 @@ def order(points: Sequence[Point], method: str) -> float:
     return -float(np.polyfit(np.log([p.evaluations for p in mine]), np.log([p.error for p in mine]), 1)[0])
 
 
-def judge(report: Report, points: Sequence[Point], problems: Sequence[str], references: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Table of the cheapest runs by accuracy; checks that ours are on the front in CPU time; the reasons where they are not."""
+def judge(
+    report: Report, points: Sequence[Point], problems: Sequence[str], references: Sequence[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Table of the cheapest runs by accuracy; checks that ours are on the front in CPU time; the reasons where they are
+    not."""
     rows, sentences = [], []
     for problem, reference in zip(problems, references, strict=True):
         mine = [p for p in points if p.problem == problem and math.isfinite(p.error)]
@@ -75,7 +90,9 @@ def judge(report: Report, points: Sequence[Point], problems: Sequence[str], refe
             for accuracy in ACCURACIES:
                 found = cheapest(mine, cost, accuracy)
                 ours = min((p for m, p in found.items() if _is_ours(m)), key=lambda p: getattr(p, cost), default=None)
-                rival = min((p for m, p in found.items() if not _is_ours(m)), key=lambda p: getattr(p, cost), default=None)
+                rival = min(
+                    (p for m, p in found.items() if not _is_ours(m)), key=lambda p: getattr(p, cost), default=None
+                )
                 if not found:
                     continue  # nobody is that accurate
                 ratio = getattr(ours, cost) / getattr(rival, cost) if ours and rival else 0.0 if ours else math.inf
@@ -92,10 +109,16 @@ def judge(report: Report, points: Sequence[Point], problems: Sequence[str], refe
                     }
                 )
                 if cost == 'cpu' and accuracy >= ENGINEERING:
-                    others = [p.cpu for m, p in found.items() if not _is_ours(m) and not m.startswith(WITHOUT_CONSTRAINTS)]
+                    others = [
+                        p.cpu for m, p in found.items() if not _is_ours(m) and not m.startswith(WITHOUT_CONSTRAINTS)
+                    ]
                     least = min(others, default=math.inf)
                     ahead = ours.cpu / least if ours else math.inf
-                    report.check(f'{problem}: our CPU time over that of the best rival that keeps constraints at {accuracy:g}', ahead, 1.0)
+                    report.check(
+                        f'{problem}: our CPU time over that of the best rival that keeps constraints at {accuracy:g}',
+                        ahead,
+                        1.0,
+                    )
                 if ratio > 1.0:
                     sentences.append(_why(mine, problem, title, cost, accuracy, ours, rival))
         report.check(f'{problem}: error estimate of the reference', reference['error estimate'], 0.1 * ACCURACIES[-1])
@@ -105,11 +128,22 @@ def judge(report: Report, points: Sequence[Point], problems: Sequence[str], refe
     failures = [p for p in points if not math.isfinite(p.error)]
     if failures:
         report.text('## Runs that did not finish')
-        report.table('failures', [{'problem': p.problem, 'method': p.method, 'setting': p.setting, 'outcome': p.outcome} for p in failures])
+        report.table(
+            'failures',
+            [{'problem': p.problem, 'method': p.method, 'setting': p.setting, 'outcome': p.outcome} for p in failures],
+        )
     return rows
 
 
-def _why(points: Sequence[Point], problem: str, title: str, cost: str, accuracy: float, ours: Point | None, rival: Point | None) -> str:
+def _why(
+    points: Sequence[Point],
+    problem: str,
+    title: str,
+    cost: str,
+    accuracy: float,
+    ours: Point | None,
+    rival: Point | None,
+) -> str:
     head = f'- {problem}, {accuracy:g}, {title}: '
     assert rival is not None  # or ours would be on the front
     if ours is None:
@@ -119,7 +153,10 @@ def _why(points: Sequence[Point], problem: str, title: str, cost: str, accuracy:
     orders = order(points, ours.method), order(points, rival.method)
     if orders[1] > orders[0] + 0.5:
         # no figure for the rival: a few points of a method that chooses its order and its steps have no one order
-        return text + f'The error of {rival.method} falls faster with evaluations than ours, which falls with order {orders[0]:.1f}.'
+        return text + (
+            f'The error of {rival.method} falls faster with evaluations than ours, which falls with order '
+            f'{orders[0]:.1f}.'
+        )
     if rival.factorizations < ours.factorizations and cost == 'factorizations':
         return text + 'It keeps a factorization over many steps; ours makes one in each.'
     if rival.evaluations < ours.evaluations:
@@ -146,7 +183,9 @@ def picture(report: Report, problem: str, unit: str, points: Sequence[Point]) ->
         ax.axhspan(ENGINEERING, ACCURACIES[0], color='#f3f3f3', zorder=0)
         ax.set_xlabel(title)
     axes[0, 0].set_ylabel(f'error [{unit}]')
-    lines = {line.get_label(): line for ax in axes[0] for line in ax.get_lines() if not line.get_label().startswith('_')}
+    lines = {
+        line.get_label(): line for ax in axes[0] for line in ax.get_lines() if not line.get_label().startswith('_')
+    }
     new.legend(lines.values(), lines.keys(), loc='outside lower center', ncols=7, fontsize=7, frameon=False)
     name = ''.join(c if c.isalnum() else '_' for c in problem.lower())
     report.figure(f'work_precision_{name}', new, f'{problem}: error against cost; grey: engineering accuracy')

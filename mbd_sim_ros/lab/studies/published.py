@@ -1,6 +1,7 @@
 """Published figures as data, the same problem as a scene of ours, and how far apart the two are at several steps.
 
-A figure is one line of published/*.csv: case, quantity, instant [s] and the numbers as published, to the digits given there.
+A figure is one line of published/*.csv: case, quantity, instant [s] and the numbers as published, to the digits given
+there.
 """
 
 from __future__ import annotations
@@ -82,7 +83,9 @@ def read(name: str) -> dict[str, tuple[PublishedValue, ...]]:
     found: dict[str, list[PublishedValue]] = {}
     with (FIGURES / f'{name}.csv').open(encoding='utf-8') as file:
         for row in csv.DictReader(file):
-            found.setdefault(row['case'], []).append(PublishedValue(row['quantity'], float(row['t']), tuple(row['values'].split())))
+            found.setdefault(row['case'], []).append(
+                PublishedValue(row['quantity'], float(row['t']), tuple(row['values'].split()))
+            )
     return {case: tuple(figures) for case, figures in found.items()}
 
 

@@ -1,10 +1,12 @@
-"""The joint cases that Project Chrono [Tasora2016] keeps with results of Adams: one body on one joint, spring or actuator, 5 s.
+"""The joint cases that Project Chrono [Tasora2016] keeps with results of Adams: one body on one joint, spring or
+actuator, 5 s.
 
-The models are ours, after the Adams data sets (data/testing/joints/adams_models) and the unit tests (src/tests/unit_tests/joints) of
-github.com/projectchrono/chrono; the figures are those of data/testing/joints/*/<case>_ADAMS_*.txt at three instants.
+The models are ours, after the Adams data sets (data/testing/joints/adams_models) and the unit tests
+(src/tests/unit_tests/joints) of github.com/projectchrono/chrono; the figures are those of
+data/testing/joints/*/<case>_ADAMS_*.txt at three instants.
 
-Adams gives the force and the torque that act on the ground: of its marker there, about its origin, along the axes of the world. The
-joints here have the ground as body i, so it is the opposite of solver.analysis.reactions.
+Adams gives the force and the torque that act on the ground: of its marker there, about its origin, along the axes of
+the world. The joints here have the ground as body i, so it is the opposite of solver.analysis.reactions.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ from solver.units import STANDARD_GRAVITY
 
 SOURCE = 'github.com/projectchrono/chrono, data/testing/joints'
 BODY = 'pendulum'
-BAR, BAR_Y, BAR_Z = (0.04, 0.1, 0.1), (0.1, 0.04, 0.1), (0.1, 0.1, 0.04)  # kg m^2, of the bar of 1 kg along its x, y or z
+# kg m^2, of the bar of 1 kg along its x, y or z
+BAR, BAR_Y, BAR_Z = (0.04, 0.1, 0.1), (0.1, 0.04, 0.1), (0.1, 0.1, 0.04)
 Made = dict[str, Any]
 
 
@@ -37,13 +40,23 @@ def _turn(axis: str, degrees: float) -> Rotation:
 def _bar(position: Any, turn: Rotation | None = None, inertia: tuple[float, ...] = BAR, **velocity: Any) -> Made:
     """The body, with its frame in the centre of mass."""
     orientation = (turn or Rotation.identity()).as_quat()
-    return {'mass': 1, 'inertia': [*inertia], 'position': [*map(float, position)], 'orientation': orientation.tolist(), **velocity}
+    return {
+        'mass': 1,
+        'inertia': [*inertia],
+        'position': [*map(float, position)],
+        'orientation': orientation.tolist(),
+        **velocity,
+    }
 
 
 def _on_joint(kind: str, place: Any, turn: Rotation, **extra: Any) -> Made:
     """A bar of 4 m along x of the frame of the joint, which is at its end."""
     joint = {'kind': kind, 'i': 'world', 'j': BODY, 'at': [*map(float, place)], 'orientation': turn.as_quat().tolist()}
-    return {'bodies': {BODY: _bar(np.array(place) + turn.apply([2.0, 0.0, 0.0]), turn)}, 'joints': {'joint': joint}, **extra}
+    return {
+        'bodies': {BODY: _bar(np.array(place) + turn.apply([2.0, 0.0, 0.0]), turn)},
+        'joints': {'joint': joint},
+        **extra,
+    }
 
 
 def _universal(turn: Rotation) -> Made:
@@ -62,7 +75,8 @@ def _between(kind: str, ground: Any, held: Any, bar: Made, **data: Any) -> Made:
 
 
 def _revolute_spherical(ground: Any, axis: Any, held: Any, bar: Made) -> Made:
-    """A massless link that turns on the ground about `axis` and carries the bar on a ball: the distance stays, in a plane."""
+    """A massless link that turns on the ground about `axis` and carries the bar on a ball: the distance stays, in a
+    plane."""
     i, j = {'body': 'world', 'at': [*ground], 'axis': [*axis]}, {'body': BODY, 'at': [*held]}
     return {
         'bodies': {BODY: bar},
@@ -103,10 +117,19 @@ CORNER = (1, 2, 3)
 
 MODELS: dict[str, tuple[str, Callable[[], Made]]] = {
     'Revolute_Case01': ('pendulum on a revolute joint along y', lambda: _on_joint('revolute', (0, 0, 0), Y_AXIS)),
-    'Revolute_Case02': ('on an inclined revolute joint away from the origin', lambda: _on_joint('revolute', CORNER, TILTED)),
+    'Revolute_Case02': (
+        'on an inclined revolute joint away from the origin',
+        lambda: _on_joint('revolute', CORNER, TILTED),
+    ),
     'Spherical_Case01': ('pendulum on a spherical joint', lambda: _on_joint('spherical', (0, 0, 0), Z_AXIS)),
-    'Spherical_Case02': ('the same elsewhere, bar turned about its axis', lambda: _on_joint('spherical', CORNER, TILTED)),
-    'Universal_Case01': ('pendulum on a universal joint, swinging about the pin of the ground', lambda: _universal(_turn('x', 90))),
+    'Spherical_Case02': (
+        'the same elsewhere, bar turned about its axis',
+        lambda: _on_joint('spherical', CORNER, TILTED),
+    ),
+    'Universal_Case01': (
+        'pendulum on a universal joint, swinging about the pin of the ground',
+        lambda: _universal(_turn('x', 90)),
+    ),
     'Universal_Case02': ('swinging about the pin of the bar', lambda: _universal(_turn('y', 90))),
     'Universal_Case03': ('swinging about both pins', lambda: _universal(DIAGONAL)),
     'Prismatic_Case01': ('free fall along a prismatic joint', lambda: _on_joint('prismatic', (0, 0, 0), Z_AXIS)),
@@ -115,7 +138,10 @@ MODELS: dict[str, tuple[str, Callable[[], Made]]] = {
     'Cylindrical_Case01': ('free fall along a cylindrical joint', lambda: _on_joint('cylindrical', (0, 0, 0), Z_AXIS)),
     'Cylindrical_Case02': ('pendulum on a horizontal one', lambda: _on_joint('cylindrical', (0, 0, 0), Y_AXIS)),
     'Cylindrical_Case03': ('sliding and turning on an inclined one', lambda: _on_joint('cylindrical', CORNER, TILTED)),
-    'Distance_Case01': ('rod to the centre of the bar', lambda: _between('distance', (0, 0, 0), (0, 2, 0), _bar((0, 2, 0)))),
+    'Distance_Case01': (
+        'rod to the centre of the bar',
+        lambda: _between('distance', (0, 0, 0), (0, 2, 0), _bar((0, 2, 0))),
+    ),
     'Distance_Case02': (
         'rod to the end of a bar at right angles: a whip',
         lambda: _between('distance', CORNER, (1, 4, 3), _bar((-1, 4, 3))),
@@ -174,8 +200,8 @@ STEPS = {
     'RevSpherical_Case02': 5e-4,
     'TranSpringCB_Case04': 2.5e-3,
 }
-# Accuracy of the figures, of the largest number of a quantity (or of 1 where that is smaller): digits to 5e-6, the rest is the error of
-# the integration in Adams. Of four cases that is larger: see spread().
+# Accuracy of the figures, of the largest number of a quantity (or of 1 where that is smaller): digits to 5e-6, the rest
+# is the error of the integration in Adams. Of four cases that is larger: see spread().
 USUAL_ACCURACY = 1e-4
 SAME = ('Revolute_Case01', 'Spherical_Case01', 'Universal_Case01', 'Universal_Case02', 'Cylindrical_Case02')
 ACCURACY = dict.fromkeys(('Spherical_Case01', 'Universal_Case01', 'Universal_Case02', 'Universal_Case03'), 1e-3)
@@ -187,12 +213,14 @@ def scene(name: str, h: float) -> Scene:
     made: Made = {'title': name, 'mechanism': mechanism, 'integrator': {'h': h}, 'duration': 5}
     if name in SPEEDS:
         made['maneuver'] = {
-            'signals': {'travel': {'kind': 'ramp', 'slope': SPEEDS[name], 'start': -1, 'initial': -SPEEDS[name], 'blend': 0}}
+            'signals': {
+                'travel': {'kind': 'ramp', 'slope': SPEEDS[name], 'start': -1, 'initial': -SPEEDS[name], 'blend': 0}
+            }
         }
     return load_scene_text(json.dumps(made), name)
 
 
-# -- what is compared ----------------------------------------------------------------------------------------------------------------
+# -- what is compared ------------------------------------------------------------------------------------------------
 
 
 def _position(s: Simulation) -> np.ndarray:
@@ -215,7 +243,8 @@ def _angular_velocity(s: Simulation) -> np.ndarray:
 
 
 def _on_the_bar(s: Simulation) -> Reaction:
-    """Everything that holds the bar, about the origin of the ground's marker: joints, and what acts along the joint's coordinate."""
+    """Everything that holds the bar, about the origin of the ground's marker: joints, and what acts along the joint's
+    coordinate."""
     parts = [joint_reaction(s, joint.name) for joint in s.scene.model.joints]
     if not parts:
         return _of_spring(s)
@@ -270,7 +299,15 @@ def cases() -> list[PublishedProblem]:
             quantities[key] = LOOKS[key]._replace(limit=share * max(1.0, size))
         source = f'{SOURCE}/*/{name}_ADAMS_*.txt'
         found.append(
-            PublishedProblem(name, text, source, functools.partial(scene, name), STEPS.get(name, USUAL_STEP), quantities, figures[name])
+            PublishedProblem(
+                name,
+                text,
+                source,
+                functools.partial(scene, name),
+                STEPS.get(name, USUAL_STEP),
+                quantities,
+                figures[name],
+            )
         )
     return found
 

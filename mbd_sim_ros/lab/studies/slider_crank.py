@@ -24,19 +24,25 @@ ITERATIONS = 20  # a step that takes more is a failed one
 # The chapter reduces its step when the iteration fails; so does 'rescue'. It does not damp.
 # the chapter's iteration: what one augmentation leaves open is left to the next
 COMMON: dict[str, Any] = {
-    'rho_inf': 1.0, 'mode': 'tolerance', 'max_iterations': ITERATIONS, 'step_policy': 'rescue', 'h_min': 1e-5, 'augmentation': 'plain'
+    'rho_inf': 1.0, 'mode': 'tolerance', 'max_iterations': ITERATIONS, 'step_policy': 'rescue', 'h_min': 1e-5,
+    'augmentation': 'plain'
 }  # fmt: skip
 ADAPTIVE: dict[str, Any] = {**COMMON, 'penalty': XI, 'penalty_policy': 'adaptive', 'penalty_cap': CAP}
 
 
 def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     """Compute both figures and judge."""
-    duration, count, penalties = (QUICK_DURATION, QUICK_ANGLES, QUICK_PENALTIES) if quick else (DURATION, ANGLES, PENALTIES)
+    duration, count, penalties = (
+        (QUICK_DURATION, QUICK_ANGLES, QUICK_PENALTIES) if quick else (DURATION, ANGLES, PENALTIES)
+    )
     report = Report(out, 'Slider-crank through singular positions')
     report.text(
-        f'Four bodies, 26 constraints, three redundant; start at theta = pi/4 with {crank.ENERGY:.6g} J, {duration:g} s, first step '
-        f'{H * 1e3:g} ms, rho_inf {COMMON["rho_inf"]:g}. A step that does not converge in {ITERATIONS} iterations is halved, down to '
-        f'{COMMON["h_min"]:g} s. The slider is compared at the end with the equation of motion of one coordinate; its mass of '
+        f'Four bodies, 26 constraints, three redundant; start at theta = pi/4 with {crank.ENERGY:.6g} J, {duration:g} '
+        's, first step '
+        f'{H * 1e3:g} ms, rho_inf {COMMON["rho_inf"]:g}. A step that does not converge in {ITERATIONS} iterations is '
+        'halved, down to '
+        f'{COMMON["h_min"]:g} s. The slider is compared at the end with the equation of motion of one coordinate; its '
+        'mass of '
         f'{crank.slider_mass():g} kg stands for the massless one.'
     )
     progress('effective masses', 0.0)
@@ -63,17 +69,28 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     report.table('effective_masses', _mass_rows(theta, names, isolated, coupled), shown=False)
     report.table('effective_mass_ranges', _ranges(names, isolated, coupled))
     trio = [runs[label] for label in ('m', 'm/10', 'm/10, constant')]
-    report.figure('figure_1', _figure_1(theta, isolated, coupled, trio), 'Figure 1: m_R isolated and coupled; step, energy, penalties')
+    report.figure(
+        'figure_1',
+        _figure_1(theta, isolated, coupled, trio),
+        'Figure 1: m_R isolated and coupled; step, energy, penalties',
+    )
     report.table('figure_1_runs', [run.figures() for run in trio])
     report.text('## Figure 2: constant penalties, and M-ALF')
     rival = [runs[label] for label in ('ALF, same xi', 'M-ALF, same xi', 'M-ALF, fair xi')]
-    report.figure('figure_2', _figure_2(constant, rival), 'Figure 2: step and energy for constant penalties (above) and for M-ALF (below)')
-    report.table('constant_penalties', [run.figures() for run in [*constant, *(runs[f'xi {p:g}, block'] for p in penalties)]])
+    report.figure(
+        'figure_2',
+        _figure_2(constant, rival),
+        'Figure 2: step and energy for constant penalties (above) and for M-ALF (below)',
+    )
+    report.table(
+        'constant_penalties', [run.figures() for run in [*constant, *(runs[f'xi {p:g}, block'] for p in penalties)]]
+    )
     report.text(f'The fair penalty of M-ALF is xi times the geometric mean of m_R over beta h^2, {fair:.4g} N/m.')
     report.table('m_alf', [run.figures() for run in rival])
     conditions = _conditions(penalties)
     report.text(
-        'Condition numbers of the Newton matrix at theta = pi/4, in the metric of masses and of m_R, largest over smallest singular value:'
+        'Condition numbers of the Newton matrix at theta = pi/4, in the metric of masses and of m_R, largest over '
+        'smallest singular value:'
     )
     report.table('conditions', conditions)
     found = slider_crank_claims.judge(isolated, coupled, runs, conditions, duration)
@@ -81,7 +98,9 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     report.table('claims', [claim.row() for claim in found])
     lost = [label for label, run in runs.items() if run.outcome != 'ok' and label in ('m', 'm/10')]
     report.check('adaptive runs that fail or leave their branch', len(lost), 0)
-    report.check('energy error with m, adaptive [J]', runs['m'].energy_error, crank.limit(crank.LIMITS['conserving'].energy, H))
+    report.check(
+        'energy error with m, adaptive [J]', runs['m'].energy_error, crank.limit(crank.LIMITS['conserving'].energy, H)
+    )
     same = float(np.abs(_common(runs['m/10, constant'], runs['xi/10, constant'])).max())
     report.check('energy of m/10 minus that of xi/10 [J]', same, 1e-9)
     report.write()
@@ -125,7 +144,9 @@ def _common(a: CrankRun, b: CrankRun) -> np.ndarray:
     return a.energy[:n, 1] - b.energy[:n, 1]
 
 
-def _mass_rows(theta: np.ndarray, names: tuple[str, ...], isolated: np.ndarray, coupled: np.ndarray) -> list[dict[str, Any]]:
+def _mass_rows(
+    theta: np.ndarray, names: tuple[str, ...], isolated: np.ndarray, coupled: np.ndarray
+) -> list[dict[str, Any]]:
     return [
         {'theta': float(t), **{f'{n} isolated': float(i) for n, i in zip(names, a, strict=True)},
          **{f'{n} coupled': float(i) for n, i in zip(names, b, strict=True)}}
@@ -173,7 +194,13 @@ def _figure_2(constant: list[CrankRun], rival: list[CrankRun]) -> Any:
 def _steps(ax: Any, runs: list[CrankRun], title: str) -> None:
     for k, run in enumerate(runs):
         ax.step(
-            run.steps[:, 0], run.steps[:, 1] * 1e3, where='post', lw=1.2, color=COLOURS[k % 10], ls='--' if k % 2 else '-', label=run.label
+            run.steps[:, 0],
+            run.steps[:, 1] * 1e3,
+            where='post',
+            lw=1.2,
+            color=COLOURS[k % 10],
+            ls='--' if k % 2 else '-',
+            label=run.label,
         )
         if run.outcome != 'ok':
             ax.plot(run.until, run.steps[-1, 1] * 1e3, 'x', ms=6, color=COLOURS[k % 10])
@@ -187,7 +214,14 @@ def _energies(ax: Any, runs: list[CrankRun], title: str) -> None:
     whole = [run.energy[:, 1] for run in runs if run.outcome == 'ok'] or [run.energy[:1, 1] for run in runs]
     low, high = min(e.min() for e in whole), max(e.max() for e in whole)
     for k, run in enumerate(runs):
-        ax.plot(run.energy[:, 0], run.energy[:, 1], lw=1.0, color=COLOURS[k % 10], ls='--' if k % 2 else '-', label=run.label)
+        ax.plot(
+            run.energy[:, 0],
+            run.energy[:, 1],
+            lw=1.0,
+            color=COLOURS[k % 10],
+            ls='--' if k % 2 else '-',
+            label=run.label,
+        )
     margin = max(0.1 * (high - low), 1e-3)
     ax.set_ylim(low - margin, high + margin)
     ax.set_title(title, loc='left', fontsize=9)

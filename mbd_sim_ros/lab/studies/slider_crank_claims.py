@@ -21,7 +21,8 @@ CONFIRMED, IN_PART, NOT_REPRODUCED = 'confirmed', 'confirmed in part', 'not repr
 LARGE = 2.0  # factor from which on a variation is called significant; with 20 only the coupled masses would vary
 MORE = 1.2  # factor from which on a number of iterations is called larger; with 12 no setting would ever need more
 HUNDREDFOLD = 100.0  # growth of a penalty that the chapter reports
-RELATIVE_LOSS = 1e-8  # relative error of a solution that spoils an iteration to the default tolerance; with 1e-7 the block form is spared
+# relative error of a solution that spoils an iteration to the default tolerance; with 1e-7 the block form is spared
+RELATIVE_LOSS = 1e-8
 SAME = 1e-9  # J: energies of runs that differ by rounding only; 1e-8 would judge alike
 
 
@@ -53,7 +54,11 @@ class Claim(NamedTuple):
 
 
 def judge(
-    isolated: np.ndarray, coupled: np.ndarray, runs: dict[str, CrankRun], conditions: list[dict[str, float]], duration: float
+    isolated: np.ndarray,
+    coupled: np.ndarray,
+    runs: dict[str, CrankRun],
+    conditions: list[dict[str, float]],
+    duration: float,
 ) -> list[Claim]:
     """All claims. isolated, coupled: (angles, rows) effective masses; runs by the labels of slider_crank.study.
 
@@ -82,7 +87,9 @@ def _masses(isolated: np.ndarray, coupled: np.ndarray) -> Claim:
         ]
         numbers.append(f'{name}: up to {over:.3g} over a revolution, {between:.3g} between constraints')
     return Claim(
-        'm_R varies significantly over a revolution, and much more from one constraint to another', tuple(parts), '; '.join(numbers)
+        'm_R varies significantly over a revolution, and much more from one constraint to another',
+        tuple(parts),
+        '; '.join(numbers),
     )
 
 
@@ -105,7 +112,10 @@ def _wrong_mass(runs: dict[str, CrankRun], duration: float) -> Claim:
         (
             Part(f'the run ends before {duration:g} s', wrong.outcome != 'ok'),
             Part('the step falls', wrong.smallest_step < 0.999 * wrong.h),
-            Part(f'the energy error is more than {LARGE:g} times that with m_R', wrong.energy_error > LARGE * right.energy_error),
+            Part(
+                f'the energy error is more than {LARGE:g} times that with m_R',
+                wrong.energy_error > LARGE * right.energy_error,
+            ),
             Part('penalties grow a hundredfold', wrong.largest_penalty >= HUNDREDFOLD * wrong.penalty),
         ),
         f'{_said(wrong)}, largest penalty {wrong.largest_penalty:g} ({right.largest_penalty:g} with m_R), energy error '
@@ -119,7 +129,11 @@ def _names(penalties: Sequence[float]) -> str:
 
 
 def _said(run: CrankRun) -> str:
-    return f'{run.outcome} after {run.until:g} s, smallest step {run.smallest_step * 1e3:.3g} ms, {run.iterations:.2f} iterations per step'
+    return (
+        f'{run.outcome} after {run.until:g} s, smallest step {run.smallest_step * 1e3:.3g} ms, '
+        f'{run.iterations:.2f} '
+        'iterations per step'
+    )
 
 
 def _good(run: CrankRun) -> bool:
@@ -138,8 +152,10 @@ def _range(runs: dict[str, CrankRun], penalties: Sequence[float]) -> Claim:
             Part('none below', not any(p < 1e3 for p in good[''])),
             Part('none above', not any(p > 1e4 for p in good[''])),
         ),
-        f'At the first step throughout and with an energy error within the limit of the damped setting: condensed {_names(good[""])}; '
-        f'block {_names(good[", block"])}. On their branch at the end, with smaller steps where needed: condensed {_names(done[""])}; '
+        'At the first step throughout and with an energy error within the limit of the damped setting: condensed '
+        f'{_names(good[""])}; '
+        f'block {_names(good[", block"])}. On their branch at the end, with smaller steps where needed: condensed '
+        f'{_names(done[""])}; '
         f'block {_names(done[", block"])}.',
     )
 
@@ -150,8 +166,14 @@ def _small(runs: dict[str, CrankRun], penalties: Sequence[float]) -> Claim:
     least = min((n for _, n in counts), default=np.nan)
     return Claim(
         'Small penalties need more iterations',
-        (Part(f'penalties up to 1e3 need more than {MORE:g} times the fewest', bool(small) and min(small) > MORE * least),),
-        f'Iterations per step of runs that kept the step, by penalty: {"; ".join(f"{p:g}: {n:.2f}" for p, n in counts)}.',
+        (
+            Part(
+                f'penalties up to 1e3 need more than {MORE:g} times the fewest',
+                bool(small) and min(small) > MORE * least,
+            ),
+        ),
+        'Iterations per step of runs that kept the step, by penalty: '
+        f'{"; ".join(f"{p:g}: {n:.2f}" for p, n in counts)}.',
     )
 
 
@@ -166,12 +188,18 @@ def _excessive(runs: dict[str, CrankRun], conditions: list[dict[str, float]]) ->
         'Excessive penalties fail because they make the matrix ill-conditioned',
         (
             Part('some penalty above 1e4 fails', bool(bad[''])),
-            Part(f'rounding times the condition number is above {RELATIVE_LOSS:g} there', bool(bad[''] and loss > RELATIVE_LOSS)),
+            Part(
+                f'rounding times the condition number is above {RELATIVE_LOSS:g} there',
+                bool(bad[''] and loss > RELATIVE_LOSS),
+            ),
             Part('none passes that is as ill-conditioned', bool(bad['']) and not spared),
         ),
-        f'Step reduced, run lost or energy limit missed above 1e4: condensed {_names(bad[""])}; block {_names(bad[", block"])}. '
-        f'Rounding times the smallest condition number of a failure (condensed): {f"{loss:.1e}" if bad[""] else "no failure"}; '
-        f'as ill-conditioned and good: {_names(spared)}. What a large penalty does beside a singular position: `mbd study penalty_map`.',
+        f'Step reduced, run lost or energy limit missed above 1e4: condensed {_names(bad[""])}; block '
+        f'{_names(bad[", block"])}. '
+        'Rounding times the smallest condition number of a failure (condensed): '
+        f'{f"{loss:.1e}" if bad[""] else "no failure"}; '
+        f'as ill-conditioned and good: {_names(spared)}. What a large penalty does beside a singular position: `mbd '
+        'study penalty_map`.',
     )
 
 

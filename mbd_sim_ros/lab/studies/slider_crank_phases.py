@@ -1,4 +1,5 @@
-"""The slider-crank from many starting phases with many steps: failures, branches, errors, order; which settings keep all limits."""
+"""The slider-crank from many starting phases with many steps: failures, branches, errors, order; which settings keep
+all limits."""
 
 from __future__ import annotations
 
@@ -50,8 +51,10 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     total = count * len(JUDGED) + CANDIDATE_PHASES * len(candidates)
     report = Report(out, 'Slider-crank from any starting phase')
     report.text(
-        f'{count} starting phases (seed {crank.SEED}), {crank.DURATION:g} s each, 26 constraints of which 3 are redundant. The slider '
-        'position is compared after the whole time with the equation of motion of one coordinate, solved to 1e-12. Errors are of runs '
+        f'{count} starting phases (seed {crank.SEED}), {crank.DURATION:g} s each, 26 constraints of which 3 are '
+        'redundant. The slider '
+        'position is compared after the whole time with the equation of motion of one coordinate, solved to 1e-12. '
+        'Errors are of runs '
         'that ended on their branch; percentiles are over phases.'
     )
     theta = crank.phases(count)
@@ -70,10 +73,16 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
         report.table(f'phases_{name}', [row._asdict() for row in rows[name]])
         _check(report, name, rows[name], limits)
         report.text(_conclusion(report, name, rows[name]))
-    report.figure('phases', _picture(rows, runs), 'Errors after 10 s: dots are runs, lines are the limits (dashed: energy and position)')
+    report.figure(
+        'phases',
+        _picture(rows, runs),
+        'Errors after 10 s: dots are runs, lines are the limits (dashed: energy and position)',
+    )
     figures: dict[str, Any] = {name: [row._asdict() for row in found] for name, found in rows.items()}
     if candidates:
-        figures['candidates'] = _candidates(report, theta, angles, lambda k: progress('candidates', (done + k * CANDIDATE_PHASES) / total))
+        figures['candidates'] = _candidates(
+            report, theta, angles, lambda k: progress('candidates', (done + k * CANDIDATE_PHASES) / total)
+        )
     report.write()
     return {**figures, 'checks': report.checks}
 
@@ -101,8 +110,14 @@ def _check(report: Report, name: str, rows: list[Row], limits: str) -> None:
     for row in rows:
         if row.h <= crank.LARGEST_JUDGED:
             allowed = LIMITS[limits]
-            report.check(f'{name}: energy error at {row.h * 1e3:g} ms [J]', row.energy_max, crank.limit(allowed.energy, row.h))
-            report.check(f'{name}: slider position at {row.h * 1e3:g} ms [m]', row.position_max, crank.limit(allowed.position, row.h))
+            report.check(
+                f'{name}: energy error at {row.h * 1e3:g} ms [J]', row.energy_max, crank.limit(allowed.energy, row.h)
+            )
+            report.check(
+                f'{name}: slider position at {row.h * 1e3:g} ms [m]',
+                row.position_max,
+                crank.limit(allowed.position, row.h),
+            )
     report.check(f'{name}: order of the position, medians', order(rows), LOWEST_ORDER, least=True)
 
 
@@ -115,8 +130,12 @@ def order(rows: list[Row]) -> float:
 def _conclusion(report: Report, name: str, rows: list[Row]) -> str:
     runs, lost = sum(row.runs for row in rows), sum(row.failed + row.wrong_branch for row in rows)
     missed = [check['name'] for check in report.checks if check['name'].startswith(f'{name}:') and not check['met']]
-    through = f'All {runs} runs end on their branch' if not lost else f'{lost} of {runs} runs fail or leave their branch'
-    limits = 'all limits are kept' if not missed else 'not kept: ' + ', '.join(m.removeprefix(f'{name}: ') for m in missed)
+    through = (
+        f'All {runs} runs end on their branch' if not lost else f'{lost} of {runs} runs fail or leave their branch'
+    )
+    limits = (
+        'all limits are kept' if not missed else 'not kept: ' + ', '.join(m.removeprefix(f'{name}: ') for m in missed)
+    )
     return f'{through}; the position error falls with order {order(rows):.2f}; {limits}.'
 
 
@@ -125,7 +144,10 @@ def _candidates(report: Report, theta: np.ndarray, angles: np.ndarray, progress:
     found = []
     for k, settings in enumerate(CANDIDATES):
         progress(k)
-        rows = [_row('', h, [crank.passage(theta[i], angles[i], h, settings) for i in range(CANDIDATE_PHASES)]) for h in STEPS]
+        rows = [
+            _row('', h, [crank.passage(theta[i], angles[i], h, settings) for i in range(CANDIDATE_PHASES)])
+            for h in STEPS
+        ]
         judged = [row for row in rows if row.h <= crank.LARGEST_JUDGED]
         share = lambda value, what, judged=judged: max(  # noqa: E731
             getattr(row, value) / crank.limit(getattr(LIMITS['damped'], what), row.h) for row in judged
@@ -140,11 +162,19 @@ def _candidates(report: Report, theta: np.ndarray, angles: np.ndarray, progress:
                 'position at 1 ms': judged[-1].position_max,
             }
         )
-    kept = [row for row in found if row['lost'] == 0 and row['energy / limit'] <= 1.0 and row['position / limit'] <= 1.0]
-    named = '; '.join(f'rho_inf {row["rho_inf"]:g}, {row["iterations"]} iterations, penalty {row["penalty"]:g}' for row in kept) or 'none'
+    kept = [
+        row for row in found if row['lost'] == 0 and row['energy / limit'] <= 1.0 and row['position / limit'] <= 1.0
+    ]
+    named = (
+        '; '.join(
+            f'rho_inf {row["rho_inf"]:g}, {row["iterations"]} iterations, penalty {row["penalty"]:g}' for row in kept
+        )
+        or 'none'
+    )
     report.text(
         '## Candidates for the defaults',
-        f'The first {CANDIDATE_PHASES} phases at all steps. Errors are the largest share of the limit of the damped setting at any step '
+        f'The first {CANDIDATE_PHASES} phases at all steps. Errors are the largest share of the limit of the damped '
+        'setting at any step '
         f'up to 10 ms. Within all limits: {named}.',
     )
     report.table('candidates', found)
@@ -161,9 +191,20 @@ def _picture(rows: dict[str, list[Row]], runs: dict[tuple[str, float], list[Pass
                 values = [getattr(run, value) for run in runs[name, h] if run.outcome == 'ok']
                 ax.loglog(np.full(len(values), h * 1e3 * (0.96, 1.04)[k]), values, '.', ms=2.5, color=COLOURS[k])
             judged = steps[steps <= crank.LARGEST_JUDGED]
-            ax.loglog(judged * 1e3, [crank.limit(allowed, h) for h in judged], '--', lw=1, color=COLOURS[k], label=f'limit, {name}')
             ax.loglog(
-                steps * 1e3, [np.median([getattr(r, value) for r in runs[name, h]]) for h in steps], lw=1, color=COLOURS[k], label=name
+                judged * 1e3,
+                [crank.limit(allowed, h) for h in judged],
+                '--',
+                lw=1,
+                color=COLOURS[k],
+                label=f'limit, {name}',
+            )
+            ax.loglog(
+                steps * 1e3,
+                [np.median([getattr(r, value) for r in runs[name, h]]) for h in steps],
+                lw=1,
+                color=COLOURS[k],
+                label=name,
             )
     axes[0, 0].set_title('largest energy error [J]', loc='left', fontsize=9)
     axes[0, 1].set_title('slider position [m]', loc='left', fontsize=9)

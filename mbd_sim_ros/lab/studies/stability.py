@@ -1,4 +1,5 @@
-"""Stability at the extremes: right, told or silently wrong, over what can be set and what a model can be, and cars in extreme tasks."""
+"""Stability at the extremes: right, told or silently wrong, over what can be set and what a model can be, and cars in
+extreme tasks."""
 
 from __future__ import annotations
 
@@ -39,9 +40,12 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     report = Report(out, 'Stability')
     settings = IntegratorSettings()
     report.text(
-        f'Default settings ({settings.step_policy} step, mode {settings.mode}, {settings.iterations} iterations, rho_inf '
-        f'{settings.rho_inf:g}, penalty {settings.penalty:g}) unless an axis says otherwise. A run is right when its error is at most '
-        f'{WORSE:g} times what second order predicts from the other steps of its line (mbd_sim_ros.lab.mechanisms.judgement), '
+        f'Default settings ({settings.step_policy} step, mode {settings.mode}, {settings.iterations} iterations, '
+        'rho_inf '
+        f'{settings.rho_inf:g}, penalty {settings.penalty:g}) unless an axis says otherwise. A run is right when its '
+        'error is at most '
+        f'{WORSE:g} times what second order predicts from the other steps of its line '
+        '(mbd_sim_ros.lab.mechanisms.judgement), '
         'told when it fails, is refused or is '
         'suspect, else silently wrong; undecided where references do not agree.'
     )
@@ -83,7 +87,11 @@ def _maps(report: Report, cells: Cells, quick: bool, progress: Progress) -> list
         report.text(f'## Step and {m.title}')
         _limits(report, name, m, rows)
         picture = _picture(
-            {p: [row['runs'] for row in r] for p, r in rows.items()}, ordinates, [h * 1e3 for h in steps], 'step [ms]', m.ordinate
+            {p: [row['runs'] for row in r] for p, r in rows.items()},
+            ordinates,
+            [h * 1e3 for h in steps],
+            'step [ms]',
+            m.ordinate,
         )
         report.figure(name, picture, f'Step and {m.title}; numbers: exponent of the largest error [m or rad]')
     return found
@@ -116,9 +124,16 @@ def _recommend(report: Report, found: list[dict[str, Any]], quick: bool) -> None
     for m in stability_maps.maps(quick).values():
         for panel, lines in m.panels.items():
             judged = [(line.ordinate, {run['h']: run['judgement'] for run in next(rows)['runs']}) for line in lines]
-            shown = {f'right at {h * 1e3:g} ms': _span([(x, runs[h] == RIGHT) for x, runs in judged]) for h in RECOMMENDED}
-            table.append({'of': m.ordinate, 'problem': panel, 'tried': f'{judged[0][0]:g} to {judged[-1][0]:g}', **shown})
-    report.text('## Limits', 'Values at which the default settings, but for what is varied, are right; beyond them a run says so.')
+            shown = {
+                f'right at {h * 1e3:g} ms': _span([(x, runs[h] == RIGHT) for x, runs in judged]) for h in RECOMMENDED
+            }
+            table.append(
+                {'of': m.ordinate, 'problem': panel, 'tried': f'{judged[0][0]:g} to {judged[-1][0]:g}', **shown}
+            )
+    report.text(
+        '## Limits',
+        'Values at which the default settings, but for what is varied, are right; beyond them a run says so.',
+    )
     report.table('limits', table)
 
 
@@ -137,7 +152,10 @@ def _span(values: list[tuple[float, bool]]) -> str:
 def _grids(report: Report, cells: Cells, quick: bool, progress: Progress) -> list[dict[str, Any]]:
     iterations = stability_maps.ITERATIONS[::3] if quick else stability_maps.ITERATIONS
     penalties = stability_maps.PENALTIES[::3] if quick else stability_maps.PENALTIES
-    problems = {'slider-crank': stability_maps.slider_crank, 'double pendulum, masses 1 : 1e6': partial(stability_maps.pendulum, 1e6)}
+    problems = {
+        'slider-crank': stability_maps.slider_crank,
+        'double pendulum, masses 1 : 1e6': partial(stability_maps.pendulum, 1e6),
+    }
     rows: dict[str, dict[str, Any]] = {}
     panels: dict[str, list[list[dict[str, Any]]]] = {}
     for name, problem in problems.items():
@@ -154,12 +172,18 @@ def _grids(report: Report, cells: Cells, quick: bool, progress: Progress) -> lis
             right = [run['penalty'] for run in line if run['judgement'] == RIGHT]
             other = sorted({CLASSES[_class(run)][1] for run in line if run['judgement'] != RIGHT})
             span = f'{min(right):g} to {max(right):g}' if right else 'none'
-            holes = f' ({len(right)} of {sum(min(right) <= run["penalty"] <= max(right) for run in line)})' if right else ''
-            table.append({'problem': panel, 'iterations': n, 'right at penalties': span + holes, 'else': ', '.join(other) or '-'})
+            holes = (
+                f' ({len(right)} of {sum(min(right) <= run["penalty"] <= max(right) for run in line)})' if right else ''
+            )
+            table.append(
+                {'problem': panel, 'iterations': n, 'right at penalties': span + holes, 'else': ', '.join(other) or '-'}
+            )
     report.table('iterations_penalty', table)
     ordinates = {panel: [float(n) for n in iterations] for panel in panels}
     picture = _picture(panels, ordinates, list(penalties), 'penalty', 'iterations')
-    report.figure('iterations_penalty', picture, 'Iterations and penalty; numbers: exponent of the largest error [m or rad]')
+    report.figure(
+        'iterations_penalty', picture, 'Iterations and penalty; numbers: exponent of the largest error [m or rad]'
+    )
     return list(rows.values())
 
 
@@ -177,18 +201,27 @@ def _counted(report: Report, cells: Cells, quick: bool, progress: Progress) -> d
         passages.append(cells.cell(f'passages/{h}/{count}', partial(p.passages, h, count)))
     report.text(
         '## Singular passages',
-        f'The slider-crank with equal rods from {p.PHASES} starting angles (seed of the series {stability_passages.crank.SEED}), '
-        'as often through its singular positions as the table says; the angle between rod and crank is -2 times that of the crank as long '
+        f'The slider-crank with equal rods from {p.PHASES} starting angles (seed of the series '
+        f'{stability_passages.crank.SEED}), '
+        'as often through its singular positions as the table says; the angle between rod and crank is -2 times that '
+        'of the crank as long '
         'as it is on its branch.',
     )
     report.table(
         'passages',
         [
-            {'step [ms]': row['h'] * 1e3, **{k: row[k] for k in ('passages', 'lost', 'wrong_branch', 'suspect', 'energy_error')}}
+            {
+                'step [ms]': row['h'] * 1e3,
+                **{k: row[k] for k in ('passages', 'lost', 'wrong_branch', 'suspect', 'energy_error')},
+            }
             for row in passages
         ],
     )
-    report.check('singular passages that were lost or left on a wrong branch', sum(r['lost'] + r['wrong_branch'] for r in passages), 0)
+    report.check(
+        'singular passages that were lost or left on a wrong branch',
+        sum(r['lost'] + r['wrong_branch'] for r in passages),
+        0,
+    )
     report.check('singular passages', sum(r['passages'] for r in passages), len(passages) * count, least=True)
     loops = []
     for n in p.QUICK_LOOPS if quick else p.LOOPS:
@@ -197,7 +230,8 @@ def _counted(report: Report, cells: Cells, quick: bool, progress: Progress) -> d
             loops.append(cells.cell(f'loops/{n}/{iterations}', partial(p.loops, n, iterations)))
     report.text(
         '## Linkages of many loops',
-        f'`four_bar_n`, {p.LOOP_DURATION:g} s, {len(p.LOOP_STEPS)} steps from 1 to 20 ms in geometric progression; energy errors are over '
+        f'`four_bar_n`, {p.LOOP_DURATION:g} s, {len(p.LOOP_STEPS)} steps from 1 to 20 ms in geometric progression; '
+        'energy errors are over '
         'loops h^2 [J/s^2].',
     )
     rows = []
@@ -224,7 +258,10 @@ def _counted(report: Report, cells: Cells, quick: bool, progress: Progress) -> d
         steps = QUICK_LONG_STEPS if quick else LONG_STEPS
         progress(f'{steps:g} steps of {p.LONG[name]}', 0.6)
         long.append(cells.cell(f'long/{name}/{steps}', partial(p.long_run, name, steps)))
-    report.text('## Long runs', 'Steps of 1 ms. Energy lost from start to end, of places and velocities; largest kinetic energy.')
+    report.text(
+        '## Long runs',
+        'Steps of 1 ms. Energy lost from start to end, of places and velocities; largest kinetic energy.',
+    )
     table = [
         {
             **{k: row[k] for k in ('scene', 'steps', 'status')},
@@ -252,7 +289,9 @@ def _cars(report: Report, cells: Cells, quick: bool, progress: Progress) -> list
     table = []
     for row in found:
         shown = {
-            f'{run["h"] * 1e3:g} ms': f'{CLASSES[_class(run)][1]} {"" if run["error"] is None else format(run["error"], ".1g")}'
+            f'{run["h"] * 1e3:g} ms': (
+                f'{CLASSES[_class(run)][1]} {"" if run["error"] is None else format(run["error"], ".1g")}'
+            )
             for run in row['runs']
         }
         table.append(
@@ -265,7 +304,10 @@ def _cars(report: Report, cells: Cells, quick: bool, progress: Progress) -> list
         )
     report.table('cars', table)
     told = [
-        f'- {row["car"]} car, {row["title"]}, {run["h"] * 1e3:g} ms: {run["text"]}' for row in found for run in row['runs'] if run['text']
+        f'- {row["car"]} car, {row["title"]}, {run["h"] * 1e3:g} ms: {run["text"]}'
+        for row in found
+        for run in row['runs']
+        if run['text']
     ]
     if told:
         report.text('What they say:', '\n'.join(told))

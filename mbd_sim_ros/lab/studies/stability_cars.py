@@ -1,8 +1,8 @@
 """The cars of the study of stability in what they are not made for.
 
-Short runs are judged by convergence: the chassis frame (place [m] and twice the quaternion) against a run of FINEST, whose distance to one
-of twice that step says how far it can be trusted: where an impact or a tumbling car makes neighbours part, nothing is decided. Long ones
-at rest are judged by what must be: a braked car stays where it is.
+Short runs are judged by convergence: the chassis frame (place [m] and twice the quaternion) against a run of FINEST,
+whose distance to one of twice that step says how far it can be trusted: where an impact or a tumbling car makes
+neighbours part, nothing is decided. Long ones at rest are judged by what must be: a braked car stays where it is.
 """
 
 from __future__ import annotations
@@ -22,14 +22,16 @@ CARS = {'light': 'vehicles/light_car.yaml', 'full': 'vehicles/full_car.yaml'}
 STEPS = (4e-3, 2e-3, 1e-3, 0.5e-3)  # s
 FINEST = 0.25e-3  # s
 SAMPLE = 0.02  # s
-TRUSTED = 0.3  # of an error: what two references may differ by, that of twice the step has itself a quarter of the error of four times
+# of an error: what two references may differ by, that of twice the step has itself a quarter of the error of four times
+TRUSTED = 0.3
 KNOWN = 0.1  # m or rad: where two references differ by more, the motion is not known (a car that tumbles)
 STAYS = 1e-3  # m that a standing car may have moved
 NEGLIGIBLE = 1e-5  # m or rad
 
 
 class Task(NamedTuple):
-    """A scene by its overrides. duration [s]; at_rest: the car must stay where it is, which is judged at one step instead."""
+    """A scene by its overrides. duration [s]; at_rest: the car must stay where it is, which is judged at one step
+    instead."""
 
     title: str
     overrides: tuple[str, ...]
@@ -47,7 +49,11 @@ def _hill(height: float, length: float) -> str:
 
 def _road_of_patches() -> str:
     """Ice and asphalt, 2 m each, sides out of step."""
-    patches = [f'{{center: [{6 + 2 * k}, {y}], size: [2, 4], factor: 0.1}}' for k in range(30) for y in ((2.0,), (-2.0,))[k % 2]]
+    patches = [
+        f'{{center: [{6 + 2 * k}, {y}], size: [2, 4], factor: 0.1}}'
+        for k in range(30)
+        for y in ((2.0,), (-2.0,))[k % 2]
+    ]
     return f'road={{patches: [{", ".join(patches)}]}}'
 
 
@@ -65,7 +71,9 @@ TASKS: dict[str, Task] = {
     'standstill': Task('standstill, 60 s', (EQUILIBRIUM, 'maneuver={brake_torque: 1000}'), 60.0, True),
     'slope': Task('30 % slope, braked, 10 min', (EQUILIBRIUM, SLOPE, 'maneuver={brake_torque: 12000}'), 600.0, True),
     'to_rest': Task(
-        'braked to rest, through zero', (at_speed(20), 'maneuver={brake_torque: {kind: step, value: 4500, start: 0.2, rise: 0.2}}'), 4.0
+        'braked to rest, through zero',
+        (at_speed(20), 'maneuver={brake_torque: {kind: step, value: 4500, start: 0.2, rise: 0.2}}'),
+        4.0,
     ),
     'back_and_forth': Task(
         'driven back and forth through zero speed',
@@ -73,7 +81,9 @@ TASKS: dict[str, Task] = {
         5.0,
     ),
     'reverse': Task(
-        'reverse at 30 km/h, steering', (at_speed(-30), 'maneuver={steering: {kind: step, value: 2, start: 0.3, rise: 0.5}}'), 3.0
+        'reverse at 30 km/h, steering',
+        (at_speed(-30), 'maneuver={steering: {kind: step, value: 2, start: 0.3, rise: 0.5}}'),
+        3.0,
     ),
     'ice': Task(
         'friction 0.001, the least there is, steering and braking',
@@ -82,7 +92,11 @@ TASKS: dict[str, Task] = {
     ),
     'sticky': Task(
         'friction 2, hard braking in a curve',
-        (at_speed(80), 'road={friction: 2}', 'maneuver={brake_torque: {kind: step, value: 9000, start: 0.5, rise: 0.2}, steering: 0.5}'),
+        (
+            at_speed(80),
+            'road={friction: 2}',
+            'maneuver={brake_torque: {kind: step, value: 9000, start: 0.5, rise: 0.2}, steering: 0.5}',
+        ),
         2.5,
     ),
     'patches': Task(
@@ -91,24 +105,36 @@ TASKS: dict[str, Task] = {
         3.0,
     ),
     'locked': Task(
-        'locked wheels from 100 km/h', (at_speed(100), 'maneuver={brake_torque: {kind: step, value: 30000, start: 0.3, rise: 0.1}}'), 3.0
+        'locked wheels from 100 km/h',
+        (at_speed(100), 'maneuver={brake_torque: {kind: step, value: 30000, start: 0.3, rise: 0.1}}'),
+        3.0,
     ),
     'free': Task('free wheels, coasting at 50 km/h', (at_speed(50), 'maneuver={steering: 0.5}'), 3.0),
-    'lift_off': Task('lift-off over a hump of 0.5 m in 12 m at 90 km/h', (at_speed(90), _hill(0.5, 12.0), STRAIGHT), 3.0),
-    'landing': Task('landing from 1 m at 15 m/s', ('start={kind: as_placed, speed: 15}', 'road={point: [0, 0, -1]}', STRAIGHT), 3.0),
+    'lift_off': Task(
+        'lift-off over a hump of 0.5 m in 12 m at 90 km/h', (at_speed(90), _hill(0.5, 12.0), STRAIGHT), 3.0
+    ),
+    'landing': Task(
+        'landing from 1 m at 15 m/s', ('start={kind: as_placed, speed: 15}', 'road={point: [0, 0, -1]}', STRAIGHT), 3.0
+    ),
     'rollover': Task(
         'rollover: step steer at 110 km/h on friction 2.5',
         (at_speed(110), 'road={friction: 2.5}', 'maneuver={steering: {kind: step, value: 5, start: 0.2, rise: 0.3}}'),
         5.0,
     ),
-    'fast': Task('300 km/h, slalom', (at_speed(300), 'maneuver={steering: {kind: sine, amplitude: 0.1, frequency: 0.5, start: 0.3}}'), 3.0),
+    'fast': Task(
+        '300 km/h, slalom',
+        (at_speed(300), 'maneuver={steering: {kind: sine, amplitude: 0.1, frequency: 0.5, start: 0.3}}'),
+        3.0,
+    ),
     'whipped': Task(
         'steering wheel turned with 2000 deg/s',
         (at_speed(60), 'maneuver={steering: {kind: sine, amplitude: 2, frequency: 2.7778, start: 0.2, blend: 0.1}}'),
         2.0,
     ),
     'torque': Task(
-        'drive torque of 1e5 N m', (at_speed(30), 'maneuver={drive_torque: {kind: step, value: 1.0e5, start: 0.3, rise: 0.2}}'), 2.0
+        'drive torque of 1e5 N m',
+        (at_speed(30), 'maneuver={drive_torque: {kind: step, value: 1.0e5, start: 0.3, rise: 0.2}}'),
+        2.0,
     ),
 }
 
@@ -116,7 +142,9 @@ TASKS: dict[str, Task] = {
 def simulation(car: str, task: Task, h: float) -> Simulation:
     """A task of a car at a step, with default settings. Raises MbdError."""
     scene = 'light_car_straight' if car == 'light' else 'car_step_steer'
-    return simulation_of(load_scene(scene, [*task.overrides, f'integrator={{h: {h}}}', 'require={}', f'duration={task.duration}']))
+    return simulation_of(
+        load_scene(scene, [*task.overrides, f'integrator={{h: {h}}}', 'require={}', f'duration={task.duration}'])
+    )
 
 
 def motion(car: str, task: Task, h: float) -> tuple[str, str, np.ndarray]:
@@ -164,7 +192,9 @@ def converging(car: str, task: Task, steps: tuple[float, ...] = STEPS) -> dict[s
             judgement = RIGHT
         else:
             judgement = UNDECIDED if spread >= TRUSTED * error else WRONG
-        runs.append({'h': h, 'status': status, 'text': text, 'error': error, 'allowed': allowed, 'judgement': judgement})
+        runs.append(
+            {'h': h, 'status': status, 'text': text, 'error': error, 'allowed': allowed, 'judgement': judgement}
+        )
     return {'car': car, 'title': task.title, 'spread': spread, 'finest': finest[0], 'runs': runs}
 
 

@@ -1,7 +1,7 @@
 """The maps of the study of stability: small mechanisms with known motions, over two quantities each.
 
-A map is a list of lines; a line is one problem with one value of the ordinate, run at all abscissae. Motions are known in closed form or
-from minimal coordinates, but for the governor, whose reference is an implicit dense integrator.
+A map is a list of lines; a line is one problem with one value of the ordinate, run at all abscissae. Motions are known
+in closed form or from minimal coordinates, but for the governor, whose reference is an implicit dense integrator.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ TIMES = np.arange(round(DURATION / FINE) + 1) * FINE
 
 
 class Problem(NamedTuple):
-    """A scene by its step and other settings, its motion q (n, nb + 1, 7) every FINE, and the difference of two references of it."""
+    """A scene by its step and other settings, its motion q (n, nb + 1, 7) every FINE, and the difference of two
+    references of it."""
 
     scene: Callable[..., Scene]
     exact: Callable[[], np.ndarray]
@@ -68,7 +69,7 @@ def scene_of(mechanism: dict[str, Any], **rest: Any) -> Callable[..., Scene]:
     return lambda **settings: dataclasses.replace(made, integrator=IntegratorSettings(**settings))
 
 
-# -- problems ----------------------------------------------------------------------------------------------------------
+# -- problems --------------------------------------------------------------------------------------------------------
 
 
 @cache
@@ -96,7 +97,8 @@ def slider_crank(theta: float = np.pi / 4) -> Problem:
 
 @cache
 def pendulum(ratio: float = 1.0) -> Problem:
-    """A double pendulum of balls of 1 and `ratio` kg (radius of gyration 0.3 m) on arms of 1 m, from the horizontal and 30 deg below."""
+    """A double pendulum of balls of 1 and `ratio` kg (radius of gyration 0.3 m) on arms of 1 m, from the horizontal and
+    30 deg below."""
     square, start = 0.09, np.array([np.pi / 2, np.pi / 3])
 
     def motion(_: float, y: np.ndarray) -> np.ndarray:
@@ -108,7 +110,9 @@ def pendulum(ratio: float = 1.0) -> Problem:
         return np.concatenate([y[2:], np.linalg.solve(M, f)])
 
     def exact() -> np.ndarray:
-        found = solve_ivp(motion, (0, DURATION), [*start, 0, 0], method='DOP853', rtol=1e-13, atol=1e-13, t_eval=TIMES).y[:2]
+        found = solve_ivp(
+            motion, (0, DURATION), [*start, 0, 0], method='DOP853', rtol=1e-13, atol=1e-13, t_eval=TIMES
+        ).y[:2]
         x, y = np.sin(found[0]), -np.cos(found[0])
         first = (at(x, y), about_z(found[0] - start[0]))
         return bodies(first, (at(x + np.sin(found[1]), y - np.cos(found[1])), about_z(found[1] - start[1])))
@@ -157,7 +161,8 @@ def oscillator(stiffness: float = 1e3, damping: float = 0.0) -> Problem:
 
 @cache
 def top(spin: float = 10.0) -> Problem:
-    """A free disc that spins [rad/s] about its axis and tumbles with 1 rad/s: steady precession about its angular momentum."""
+    """A free disc that spins [rad/s] about its axis and tumbles with 1 rad/s: steady precession about its angular
+    momentum."""
     one, three, tumble = 0.01, 0.018, 1.0
     momentum = np.array([one * tumble, 0.0, three * spin])
 
@@ -208,7 +213,9 @@ def moved(inner: Callable[[], Problem], distance: float) -> Problem:
         return spec.replace(**{name: marker(value) for name, value in given.items() if isinstance(value, Marker)})
 
     def shifted(model: ModelSpec) -> ModelSpec:
-        changes: dict[str, Any] = {name: tuple(map(placed, specs)) for name, specs in model.sections().items() if name != 'bodies'}
+        changes: dict[str, Any] = {
+            name: tuple(map(placed, specs)) for name, specs in model.sections().items() if name != 'bodies'
+        }
         changes['bodies'] = tuple(body.replace(position=tuple(body.position + d)) for body in model.bodies)
         return dataclasses.replace(model, **changes)
 
@@ -224,11 +231,12 @@ def moved(inner: Callable[[], Problem], distance: float) -> Problem:
     return Problem(scene, exact)
 
 
-# -- maps --------------------------------------------------------------------------------------------------------------
+# -- maps ------------------------------------------------------------------------------------------------------------
 
 
 class Line(NamedTuple):
-    """A problem over the abscissae of its map: `steps`, or `settings` at one step. rounding: what positions are rounded by [m]."""
+    """A problem over the abscissae of its map: `steps`, or `settings` at one step. rounding: what positions are rounded
+    by [m]."""
 
     problem: Callable[[], Problem]
     ordinate: float
@@ -237,7 +245,8 @@ class Line(NamedTuple):
 
 
 class Map(NamedTuple):
-    """A map of panels of lines. abscissa and ordinate: labels with units; logarithmic: the ordinate is (0 apart, as the first value)."""
+    """A map of panels of lines. abscissa and ordinate: labels with units; logarithmic: the ordinate is (0 apart, as the
+    first value)."""
 
     title: str
     ordinate: str
@@ -264,7 +273,8 @@ def maps(quick: bool) -> dict[str, Map]:
     three = {'slider-crank': slider_crank, 'double pendulum': pendulum, 'oscillator, 5 Hz': oscillator}
     return {
         'step_rho': Map(
-            'spectral radius rho_inf', 'rho_inf', {n: [Line(p, r, {'rho_inf': r}) for r in _every(RHO, quick)] for n, p in three.items()}
+            'spectral radius rho_inf', 'rho_inf',
+            {n: [Line(p, r, {'rho_inf': r}) for r in _every(RHO, quick)] for n, p in three.items()}
         ),
         'step_stiffness': Map(
             'stiffness', 'times as stiff',
@@ -274,7 +284,8 @@ def maps(quick: bool) -> dict[str, Map]:
             },
         ),
         'step_mass_ratio': Map(
-            'mass ratio', 'second mass / first', {'double pendulum': [Line(partial(pendulum, r), r) for r in _every(RATIOS, quick)]}
+            'mass ratio', 'second mass / first', {'double '
+                'pendulum': [Line(partial(pendulum, r), r) for r in _every(RATIOS, quick)]}
         ),
         'step_damping': Map(
             'damping', 'of critical',
@@ -283,10 +294,12 @@ def maps(quick: bool) -> dict[str, Map]:
                 'oscillator, 500 Hz': [Line(partial(oscillator, 1e7, x), x) for x in _every(DAMPING, quick)],
             },
         ),
-        'step_spin': Map('spin', 'spin [rad/s]', {'free disc': [Line(partial(top, w), w) for w in _every(SPINS, quick)]}),
+        'step_spin': Map('spin', 'spin [rad/s]', {'free '
+            'disc': [Line(partial(top, w), w) for w in _every(SPINS, quick)]}),
         'step_distance': Map(
             'distance from the origin', 'distance [m]',
-            {n: [Line(partial(moved, p, x), x, {}, EPS * x) for x in _every(DISTANCES, quick)] for n, p in list(three.items())[:2]},
+            {n: [Line(partial(moved, p, x), x, {}, EPS * x) for x in _every(DISTANCES, quick)] for n,
+            p in list(three.items())[:2]},
         ),
     }  # fmt: skip
 

@@ -1,4 +1,5 @@
-"""Parts of the study of stability that count: singular passages, linkages of many loops, and runs of ten million steps."""
+"""Parts of the study of stability that count: singular passages, linkages of many loops, and runs of ten million
+steps."""
 
 from __future__ import annotations
 
@@ -21,13 +22,19 @@ LOOP_STEPS = np.round(np.geomspace(1e-3, 20e-3, 30), 9)  # s
 LOOP_ITERATIONS = (3, 4, 6)
 LOOP_DURATION = 5.0  # s
 LOOP_LIMIT = 250.0  # J of energy error over loops h^2 [s^2]: away from the horizontal it is about 40
-LONG = {'pendulum': 'a pendulum, from the horizontal', 'spinning_top': 'a heavy top', 'slider_crank': 'the slider-crank'}
+LONG = {
+    'pendulum': 'a pendulum, from the horizontal',
+    'spinning_top': 'a heavy top',
+    'slider_crank': 'the slider-crank',
+}
 
 
 def passages(h: float, count: int) -> dict[str, Any]:
-    """Singular passages of the slider-crank at a step, from PHASES starting angles: how many were made, lost, and left on a wrong branch.
+    """Singular passages of the slider-crank at a step, from PHASES starting angles: how many were made, lost, and left
+    on a wrong branch.
 
-    The angle of the crank passes pi/2 + n pi. On the right branch the angle between rod and crank is -2 times that of the crank.
+    The angle of the crank passes pi/2 + n pi. On the right branch the angle between rod and crank is -2 times that of
+    the crank.
     """
     made = lost = wrong = told = 0
     worst = 0.0
@@ -54,7 +61,15 @@ def passages(h: float, count: int) -> dict[str, Any]:
             lost += 1
             messages.append(str(error))
         made += done
-    return {'h': h, 'passages': made, 'lost': lost, 'wrong_branch': wrong, 'suspect': told, 'energy_error': worst, 'messages': messages[:5]}
+    return {
+        'h': h,
+        'passages': made,
+        'lost': lost,
+        'wrong_branch': wrong,
+        'suspect': told,
+        'energy_error': worst,
+        'messages': messages[:5],
+    }
 
 
 def _half_turns(theta: float) -> int:
@@ -78,14 +93,23 @@ def loops(count: int, iterations: int) -> dict[str, Any]:
 
 
 def long_run(name: str, steps: int) -> dict[str, Any]:
-    """A run of many steps of 1 ms: what its energy, from places and velocities alone, has become, and what the run says of itself."""
+    """A run of many steps of 1 ms: what its energy, from places and velocities alone, has become, and what the run says
+    of itself."""
     s = Simulation(load_scene(name, ['integrator={h: 0.001}', 'require={}']))
     start = s.last_step.account.energy[0]
     try:
         while s.k < steps:
             s.advance(min(100_000, steps - s.k))
     except StepError as error:
-        return {'scene': name, 'steps': s.k, 'status': 'error', 'text': str(error), 'lost': None, 'kinetic': None, 'drift': None}
+        return {
+            'scene': name,
+            'steps': s.k,
+            'status': 'error',
+            'text': str(error),
+            'lost': None,
+            'kinetic': None,
+            'drift': None,
+        }
     found = findings(s)
     a = s.last_step.account
     return {

@@ -1,5 +1,5 @@
-"""Speed against accuracy on one scene: every way to simulate it with its errors by origin (solver.trade.bench), its cost, and whether
-another one beats it. trade_report.py draws them."""
+"""Speed against accuracy on one scene: every way to simulate it with its errors by origin (solver.trade.bench), its
+cost, and whether another one beats it. trade_report.py draws them."""
 
 from __future__ import annotations
 
@@ -39,22 +39,30 @@ COST_SECONDS, QUICK_COST_SECONDS = 2.0, 0.5  # simulated, of a measurement
 Row = dict[str, Any]
 
 
-def study(out: Path, *, quick: bool, progress: Callable[[str, float], None], scene: Scene, workers: int | None = None) -> dict:
-    """See mbd_sim_ros.lab.studies. scene: what is simulated, its fidelity, switches and integrator apart. workers: runs at a time.
+def study(
+    out: Path, *, quick: bool, progress: Callable[[str, float], None], scene: Scene, workers: int | None = None
+) -> dict:
+    """See mbd_sim_ros.lab.studies. scene: what is simulated, its fidelity, switches and integrator apart. workers: runs
+    at a time.
 
     Finished rows and costs are kept in `out`/rows. Raises StepError when the reference fails.
     """
     full = dataclasses.replace(scene, fidelity='full', switches={}, resolved='')
     bench = Bench(full, quantities_of(scene), QUICK_FINE if quick else FINE)
-    store, identity = Store(out / 'rows'), (key(dataclasses.replace(scene, fidelity='full')), repr((bench.names, bench.steps)))
+    store, identity = (
+        Store(out / 'rows'),
+        (key(dataclasses.replace(scene, fidelity='full')), repr((bench.names, bench.steps))),
+    )
 
     def kept(what: str, setting: Setting, make: Callable[[], Row]) -> Row:
-        interrupts.now(f'measuring {setting}; finished rows are kept in {store.directory}, and the same command goes on from them')
+        interrupts.now(
+            f'measuring {setting}; finished rows are kept in {store.directory}, and the same command goes on from them'
+        )
         interrupts.check()
         return store.made(f'{digest(*identity, what, repr(setting)).hex()}.json', make)
 
     progress('deriving levels', 0.0)
-    levels = {level: missing(full, Setting(level=level)) for level in ('full', *(LEVELS if full.model.tires else ()))}  # type: ignore[arg-type]
+    levels = {level: missing(full, Setting(level=level)) for level in ('full', *(LEVELS if full.model.tires else ()))}
     settings = settings_of(full, [level for level, why in levels.items() if not why], quick)
     progress('reference', 0.01)
     truth, second = truth_of(bench, AS_GIVEN), second_of(bench)
@@ -72,20 +80,29 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None], sce
             row |= kept('cost', setting, lambda: cost_of(full, setting, seconds))  # noqa: B023
     shown = [{'setting': str(s), **rows[s]} for s in settings]
     mark_front(shown)
-    data = trade_report.write(Report(out, f'Speed against accuracy: {scene.title or scene.name}'), full, truth, second, levels, shown)
+    data = trade_report.write(
+        Report(out, f'Speed against accuracy: {scene.title or scene.name}'), full, truth, second, levels, shown
+    )
     write_text(out / 'trade.json', json.dumps(plain(data), indent=1, allow_nan=False) + '\n')
     return data
 
 
 def quantities_of(scene: Scene) -> tuple[str, ...]:
-    """Quantities that a scene requires something of, and of a vehicle those that are commonly looked at. Raises SpecError
-    where there is none."""
+    """Quantities that a scene requires something of, and of a vehicle those that are commonly looked at. Raises
+    SpecError where there is none."""
     channels = published(scene.model)
     known = names_of(channels)
     wanted = [*scene.require.accuracy, *(n for n in STANDARD if n in known)]
-    loads = [f'{kind}.{channels.wheels[0]}{end}' for kind, end in (('wheel_load', ''), ('tire_force', '.y'))] if channels.wheels else []
+    loads = (
+        [f'{kind}.{channels.wheels[0]}{end}' for kind, end in (('wheel_load', ''), ('tire_force', '.y'))]
+        if channels.wheels
+        else []
+    )
     if not wanted and not loads:
-        raise SpecError(f'scene {scene.name!r}: it has no quantities of interest; name some in require, e.g. joint_states/<joint>/position')
+        raise SpecError(
+            f'scene {scene.name!r}: it has no quantities of interest; name some in require, e.g. '
+            'joint_states/<joint>/position'
+        )
     return tuple(dict.fromkeys([*wanted, *loads]))
 
 
@@ -105,9 +122,15 @@ def settings_of(scene: Scene, levels: Iterable[str], quick: bool) -> list[Settin
     for level in levels:
         base = Setting(level=level)  # type: ignore[arg-type]
         found += grid(base, steps, rhos=RHOS[:1] if quick else RHOS)
-        found += [dataclasses.replace(base, h=h, tolerance=tolerance) for h in steps for tolerance in TOLERANCES[: 1 if quick else None]]
+        found += [
+            dataclasses.replace(base, h=h, tolerance=tolerance)
+            for h in steps
+            for tolerance in TOLERANCES[: 1 if quick else None]
+        ]
         if scene.model.tires and (level == 'full' or not quick):
-            without = [dataclasses.replace(base, h=SWITCH_STEP, iterations=2, off=(subsystem,)) for subsystem in SUBSYSTEMS]
+            without = [
+                dataclasses.replace(base, h=SWITCH_STEP, iterations=2, off=(subsystem,)) for subsystem in SUBSYSTEMS
+            ]
             found += [setting for setting in without if not missing(scene, setting)]
     return list(dict.fromkeys(found))
 
@@ -128,7 +151,8 @@ def row_of(bench: Bench, setting: Setting) -> Row:
         if name in found.curves:
             whole = of.whole
             row['errors'][name] = {
-                'max': whole.max, 'rms': whole.rms, 'max_share': whole.share('max'), 'rms_share': whole.share('rms'), 'delay': whole.delay,
+                'max': whole.max, 'rms': whole.rms, 'max_share': whole.share('max'), 'rms_share': whole.share('rms'),
+                'delay': whole.delay,
                 **{f'{origin}_share': getattr(of, origin).rms / peaks[name] for origin in ORIGINS[:3]},
             }  # fmt: skip
     return plain(row | {'counters': found.counters})
@@ -144,7 +168,8 @@ def cost_of(scene: Scene, setting: Setting, seconds: float) -> Row:
 
 
 def judged(row: Row, names: Sequence[str]) -> float:
-    """The largest RMS error of a row as a share of the peak, over these quantities; infinite where one is not modelled."""
+    """The largest RMS error of a row as a share of the peak, over these quantities; infinite where one is not
+    modelled."""
     errors = [row['errors'].get(name, {}).get('rms_share') for name in names]
     return math.inf if row['failure'] or any(e is None for e in errors) else float(max(errors))
 

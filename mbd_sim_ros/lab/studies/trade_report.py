@@ -21,17 +21,25 @@ Row = dict[str, Any]
 
 
 def write(
-    report: Report, scene: Scene, truth: Reference, second: dict[str, Departure], levels: dict[str, str], rows: list[Row]
+    report: Report,
+    scene: Scene,
+    truth: Reference,
+    second: dict[str, Departure],
+    levels: dict[str, str],
+    rows: list[Row],
 ) -> dict[str, Any]:
-    """The whole report; returns what --json gives. second: how far another formulation is. levels: why one is not there, or ''. The cost
-    of the first row is what others are related to."""
+    """The whole report; returns what --json gives. second: how far another formulation is. levels: why one is not
+    there, or ''. The cost of the first row is what others are related to."""
     names = list(truth.quantities)
     good = [row for row in rows if not row['failure']]
     steps = ', '.join(f'{1e3 * h:g}' for h in truth.steps)
     report.text(
-        f'Scene `{scene.name}`, {scene.duration:g} s. Every setting is compared with the converged full vehicle, the Richardson '
-        f'limit of steps of {steps} ms. Errors are RMS in % of the peak of each quantity; the parts of the model, of the step and of the '
-        'iteration are measured one by one and may cancel in the whole. Cost is CPU time of one core per simulated second, one setting at '
+        f'Scene `{scene.name}`, {scene.duration:g} s. Every setting is compared with the converged full vehicle, the '
+        'Richardson '
+        f'limit of steps of {steps} ms. Errors are RMS in % of the peak of each quantity; the parts of the model, of '
+        'the step and of the '
+        'iteration are measured one by one and may cancel in the whole. Cost is CPU time of one core per simulated '
+        'second, one setting at '
         'a time.'
     )
     report.text('## Reference')
@@ -39,7 +47,8 @@ def write(
         'reference',
         [
             {
-                'quantity': name, 'peak': shown(truth.peaks[name], q.unit), 'band [%]': 100 * truth.band[name].share('rms'),
+                'quantity': name, 'peak': shown(truth.peaks[name], q.unit), 'band '
+                    '[%]': 100 * truth.band[name].share('rms'),
                 'second formulation [%]': 100 * second[name].share('rms'),
             }
             for name, q in truth.quantities.items()
@@ -79,7 +88,11 @@ def _summary(row: Row, names: list[str], first: Row) -> dict[str, Any]:
     errors = row['errors']
     counters = row.get('counters') or {}
     found = {'setting': row['setting'], 'front': 'yes' if row['front'] else ''}
-    found |= {f'{name} [%]': 100 * errors[name]['rms_share'] if _has(errors, name) else math.nan for name in names if name != 'position'}
+    found |= {
+        f'{name} [%]': 100 * errors[name]['rms_share'] if _has(errors, name) else math.nan
+        for name in names
+        if name != 'position'
+    }
     if 'position' in names:
         found['position, max [m]'] = errors['position']['max'] if _has(errors, 'position') else math.nan
     found['CPU, median [ms/s]'] = 1e3 * row.get('cost_median', math.nan)
@@ -95,7 +108,11 @@ def _has(errors: dict[str, Any], name: str) -> bool:
 
 
 def _long(rows: list[Row]) -> list[dict[str, Any]]:
-    found = [{'setting': row['setting'], 'quantity': name, **errors} for row in rows for name, errors in row['errors'].items()]
+    found = [
+        {'setting': row['setting'], 'quantity': name, **errors}
+        for row in rows
+        for name, errors in row['errors'].items()
+    ]
     return found or [{'setting': '', 'quantity': ''}]
 
 
@@ -135,8 +152,14 @@ def _steps(report: Report, names: list[str], rows: list[Row]) -> None:
     ax = axes[0, 0]
     for level, colour in LEVEL_COLOURS.items():
         for iterations, style in ((1, ':'), (2, '--'), (3, '-')):
-            some = [r for r in rows if r['level'] == level and not r['off'] and r['iterations'] == iterations and r['rho_inf'] == 0.8]
-            points = sorted({(1e3 * r['h'], 100 * r['errors'][name]['rms_share']) for r in some if _has(r['errors'], name)})
+            some = [
+                r
+                for r in rows
+                if r['level'] == level and not r['off'] and r['iterations'] == iterations and r['rho_inf'] == 0.8
+            ]
+            points = sorted(
+                {(1e3 * r['h'], 100 * r['errors'][name]['rms_share']) for r in some if _has(r['errors'], name)}
+            )
             if points:
                 ax.plot(*np.array(points).T, style, marker='.', color=colour, label=f'{level}, {iterations}')
     ax.set(xscale='log', yscale='log', xlabel='step [ms]', ylabel=f'RMS error of {name} [% of the peak]')
@@ -145,7 +168,11 @@ def _steps(report: Report, names: list[str], rows: list[Row]) -> None:
     ax.minorticks_off()
     beside = {'loc': 'upper left', 'bbox_to_anchor': (1.01, 1.0), 'frameon': False}  # on the curves it hides their ends
     ax.legend(fontsize=7, title='level, iterations', title_fontsize=7, handlelength=3.5, **beside)
-    report.figure('steps', picture, 'Error over the step with one, two and three iterations; it levels off at the error of the model')
+    report.figure(
+        'steps',
+        picture,
+        'Error over the step with one, two and three iterations; it levels off at the error of the model',
+    )
 
 
 def _origins(report: Report, names: list[str], front: list[Row]) -> None:

@@ -1,4 +1,5 @@
-"""Every published figure this project is held against, beside ours at two steps, with the order in which ours converge."""
+"""Every published figure this project is held against, beside ours at two steps, with the order in which ours
+converge."""
 
 from __future__ import annotations
 
@@ -45,20 +46,28 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     return {'judgements': [j._asdict() for j in judged], 'failures': failures, 'checks': report.checks}
 
 
-def _introduce(report: Report, found: Sequence[tuple[PublishedProblem, list[Row], list[Judgement]]], judged: Sequence[Judgement]) -> None:
+def _introduce(
+    report: Report, found: Sequence[tuple[PublishedProblem, list[Row], list[Judgement]]], judged: Sequence[Judgement]
+) -> None:
     orders = [j.order for j in judged if math.isfinite(j.order)]
     inside = [o for o in orders if SECOND[0] <= o <= SECOND[1]]
     figures = sum(len(rows) for _, rows, _ in found)
     within = sum(j.limiting <= j.limit for j in judged)
     report.text(
-        f'{len(found)} cases, {figures} published values and vectors. Ours are runs with the default integrator at the step h of the '
-        'case, h/2 and h/4. "Small steps" is what the last two extrapolate to (second order). It is this that a published figure is '
-        'compared with, and the limit of the departure is the accuracy of what is published: its last digit, or the error of the code it '
-        'comes from where that is larger. The order is that of our own three runs, log2 of |y(h) - y(h/2)| over |y(h/2) - y(h/4)|; a dash '
+        f'{len(found)} cases, {figures} published values and vectors. Ours are runs with the default integrator at the '
+        'step h of the '
+        'case, h/2 and h/4. "Small steps" is what the last two extrapolate to (second order). It is this that a '
+        'published figure is '
+        'compared with, and the limit of the departure is the accuracy of what is published: its last digit, or the '
+        'error of the code it '
+        'comes from where that is larger. The order is that of our own three runs, log2 of |y(h) - y(h/2)| over '
+        '|y(h/2) - y(h/4)|; a dash '
         'where they do not depend on the step.',
-        f'How accurate published figures are is seen where one motion was computed several times: the heights of the pendulum of '
+        'How accurate published figures are is seen where one motion was computed several times: the heights of the '
+        'pendulum of '
         f'{_names(published_joints.SAME)} differ by up to {published_joints.spread():.2g} m in the results of Adams.',
-        f'{within} of {len(judged)} quantities are within their limits. {len(inside)} of {len(orders)} observed orders lie between '
+        f'{within} of {len(judged)} quantities are within their limits. {len(inside)} of {len(orders)} observed orders '
+        'lie between '
         f'{SECOND[0]} and {SECOND[1]}; the median is {np.median(orders):.2f}.',
     )
 
@@ -70,14 +79,16 @@ def _names(names: Sequence[str]) -> str:
 def _summarise(report: Report, found: Sequence[tuple[PublishedProblem, list[Row], list[Judgement]]]) -> None:
     report.text('## Cases', '\n'.join(f'- {case.name}: {case.text}. {case.source}.' for case, _, _ in found))
     report.text(
-        '## What ours converge to', 'Largest departures from the published figures over the instants and components of each quantity.'
+        '## What ours converge to',
+        'Largest departures from the published figures over the instants and components of each quantity.',
     )
     rows = []
     for case, _, judgements in found:
         for j in judgements:
             rows.append(
                 {
-                    'case': j.case, 'quantity': f'{j.quantity} [{j.unit}]', 'largest published': j.size, 'h [ms]': 1e3 * case.h,
+                    'case': j.case, 'quantity': f'{j.quantity} '
+                        f'[{j.unit}]', 'largest published': j.size, 'h [ms]': 1e3 * case.h,
                     'at h': j.differences[0], 'at h/2': j.differences[1], 'small steps': j.limiting, 'limit': j.limit,
                     'order': _order(j.order), 'within': 'yes' if j.limiting <= j.limit else 'NO',
                 }
@@ -126,5 +137,7 @@ def _picture(report: Report, found: Sequence[tuple[PublishedProblem, list[Row], 
     ax.set_ylabel('departure over largest published value')
     ax.legend(fontsize=7, ncols=5)
     report.figure(
-        'departures', new, 'Largest departure from the published figures of each case, relative to the largest number of its quantity'
+        'departures',
+        new,
+        'Largest departure from the published figures of each case, relative to the largest number of its quantity',
     )

@@ -1,6 +1,8 @@
-"""Mixtures of everything at five steps, judged as `mbd run` judges them, held against a reference in maximal coordinates.
+"""Mixtures of everything at five steps, judged as `mbd run` judges them, held against a reference in maximal
+coordinates.
 
-Verdict against truth: how many ok runs are wrong, how many suspect ones right, and how far the stated error is from the true one.
+Verdict against truth: how many ok runs are wrong, how many suspect ones right, and how far the stated error is from the
+true one.
 """
 
 from __future__ import annotations
@@ -71,7 +73,15 @@ def judged(drawn: Mixture, truth: dict[str, Any]) -> dict[str, Any]:
     row = {'parts': list(drawn.parts), 'reference': exists, 'calm': exists and growth <= CALM, 'text': known.text}
     runs = [run(drawn, known if exists else None, h) for h in STEPS]
     others = [run(drawn, known if exists else None, h, OTHER) for h in OTHER_STEPS]
-    return {'name': drawn.name, **row, 'spread': spread, 'growth': growth, 'lowest': known.lowest, 'runs': runs, 'others': others}
+    return {
+        'name': drawn.name,
+        **row,
+        'spread': spread,
+        'growth': growth,
+        'lowest': known.lowest,
+        'runs': runs,
+        'others': others,
+    }
 
 
 def run(drawn: Mixture, known: Motion | None, h: float, penalty: float | None = None) -> dict[str, Any]:
@@ -100,7 +110,8 @@ def run(drawn: Mixture, known: Motion | None, h: float, penalty: float | None = 
 
 
 def error_of(pose: np.ndarray, known: Motion) -> float:
-    """The largest error of a place over the range of motion, or of an orientation over the turn. pose: (times, nb, 7)."""
+    """The largest error of a place over the range of motion, or of an orientation over the turn. pose: (times, nb,
+    7)."""
     q = pose[:, :, 3:]
     arms = np.array([Rotation.from_quat(q[:, b]).apply(com) for b, com in enumerate(known.com)]).swapaxes(0, 1)
     return difference(known.p, known.q, pose[:, :, :3] + arms, q, known.range, known.turn)
@@ -138,11 +149,15 @@ def _report(out: Path, rows: list[dict[str, Any]], count: int, seed: int) -> dic
     exist, calm = (sum(row[key] for row in rows) for key in ('reference', 'calm'))
     report.text(
         f'{count} mixtures (series {seed}) of {len(set(PARTS))} parts, {DURATION:g} s each, at '
-        f'{", ".join(f"{h * 1e3:g}" for h in STEPS)} ms with default settings, judged as `mbd run` does. The error is the '
-        f'largest, of any body every {SAMPLE * 1e3:g} ms: of the place of its centre of mass, over the farthest that one '
+        f'{", ".join(f"{h * 1e3:g}" for h in STEPS)} ms with default settings, judged as `mbd run` does. The error is '
+        'the '
+        f'largest, of any body every {SAMPLE * 1e3:g} ms: of the place of its centre of mass, over the farthest that '
+        'one '
         'gets from where it began, or of its orientation, over the farthest that one turns from its first orientation. '
-        f'A reference exists where its solutions with tolerances of {TIGHT:g} and {LOOSE:g} and one from a start that is '
-        f'changed by {CHANGE:g} agree within {AGREED:g} of that: for {exist} mixtures; {calm} of them multiply a change of '
+        f'A reference exists where its solutions with tolerances of {TIGHT:g} and {LOOSE:g} and one from a start that '
+        'is '
+        f'changed by {CHANGE:g} agree within {AGREED:g} of that: for {exist} mixtures; {calm} of them multiply a '
+        'change of '
         f'the start by at most {CALM:g} within the run.'
     )
     total = line('all', runs)
@@ -151,22 +166,32 @@ def _report(out: Path, rows: list[dict[str, Any]], count: int, seed: int) -> dic
     report.table('steps', [*table, total])
     report.text('## By part')
     report.table(
-        'parts', [line(part, [one for row in rows if part in row['parts'] for one in row['runs']]) for part in _parts()], shown=True
+        'parts',
+        [line(part, [one for row in rows if part in row['parts'] for one in row['runs']]) for part in _parts()],
+        shown=True,
     )
     ratios = _stated(report, rows)
     changed = _penalties(report, rows)
     told = [(row, one) for row in rows for one in row['runs'] if of_run(one)]
     if told:
         report.text('## Verdicts that are wrong, and failures')
-        listed = [{'mixture': row['name'], 'parts': ' '.join(row['parts']), 'growth': row['growth'], **_flat(one)} for row, one in told]
+        listed = [
+            {'mixture': row['name'], 'parts': ' '.join(row['parts']), 'growth': row['growth'], **_flat(one)}
+            for row, one in told
+        ]
         report.table('wrong_verdicts', listed)
-    report.figure('errors', _picture(rows), 'True error of every run by step and verdict; stated error over the true one')
+    report.figure(
+        'errors', _picture(rows), 'True error of every run by step and verdict; stated error over the true one'
+    )
     wrong, right = total[f'off by more than {WRONG:.0%}'], total[f'within {RIGHT:.0%}']
     report.check(f'part of the ok runs off by more than {WRONG:.0%}', wrong / max(total['ok'], 1), 0.005)
     report.check(f'part of the suspect runs within {RIGHT:.0%}', right / max(total['suspect'], 1), 0.05)
     if len(ratios):
         report.check(
-            'part of the stated errors within half and twice the true one', float(np.mean(np.abs(np.log2(ratios)) <= 1)), 0.9, least=True
+            'part of the stated errors within half and twice the true one',
+            float(np.mean(np.abs(np.log2(ratios)) <= 1)),
+            0.9,
+            least=True,
         )
     report.write()
     return {'n': count, 'seed': seed, 'steps': [*table, total], 'penalties': changed, 'checks': report.checks}
@@ -193,7 +218,8 @@ def ratios_of(rows: Sequence[dict[str, Any]]) -> np.ndarray:
         [
             one['stated'] / one['error']
             for row in rows if row['calm']
-            for one in row['runs'] if one['stated'] and one['error'] and not one['bound'] and one['error'] > 10.0 * row['spread']
+            for one in row['runs']
+            if one['stated'] and one['error'] and not one['bound'] and one['error'] > 10.0 * row['spread']
         ]
     )  # fmt: skip
 
@@ -215,7 +241,10 @@ def _stated(report: Report, rows: list[dict[str, Any]]) -> np.ndarray:
                 'of': 'all' if h is None else f'{h * 1e3:g} ms',
                 'runs': len(part),
                 'within half and twice': float(np.mean(np.abs(np.log2(part)) <= 1.0)) if len(part) else None,
-                **{f'{name} of stated / true': float(q) for name, q in zip(('5 %', 'median', '95 %'), quantiles, strict=True)},
+                **{
+                    f'{name} of stated / true': float(q)
+                    for name, q in zip(('5 %', 'median', '95 %'), quantiles, strict=True)
+                },
             }
         )
     report.table('stated', table)
@@ -226,7 +255,10 @@ def _penalties(report: Report, rows: list[dict[str, Any]]) -> list[dict[str, Any
     """Default penalty and another one on the same mixtures."""
     table = []
     for h in OTHER_STEPS:
-        pairs = [(next(one for one in row['runs'] if one['h'] == h), next(one for one in row['others'] if one['h'] == h)) for row in rows]
+        pairs = [
+            (next(one for one in row['runs'] if one['h'] == h), next(one for one in row['others'] if one['h'] == h))
+            for row in rows
+        ]
         held = [(a, b) for a, b in pairs if a['error'] and b['error'] and a['status'] == b['status'] == 'ok']
         ratios = np.array([b['error'] / a['error'] for a, b in held])
         table.append(
@@ -248,7 +280,12 @@ def _penalties(report: Report, rows: list[dict[str, Any]]) -> list[dict[str, Any
 def _picture(rows: list[dict[str, Any]]) -> Any:
     new, axes = figure(9.0, 4.2, 1, 2)
     for k, status in enumerate(('ok', 'suspect')):
-        points = [(one['h'] * 1e3, number(one['error'])) for row in rows for one in row['runs'] if one['status'] == status and one['error']]
+        points = [
+            (one['h'] * 1e3, number(one['error']))
+            for row in rows
+            for one in row['runs']
+            if one['status'] == status and one['error']
+        ]
         if points:
             x, y = np.array(points).T
             axes[0, 0].loglog(x * (0.93 + 0.14 * k), y, '.', ms=3, color=COLOURS[k], label=status)
@@ -257,7 +294,13 @@ def _picture(rows: list[dict[str, Any]]) -> Any:
     axes[0, 0].set_xlabel('step [ms]')
     axes[0, 0].set_ylabel('error / range of motion or turn')
     axes[0, 0].legend(fontsize=7, frameon=False)
-    points = [(number(one['error']), one['stated']) for row in rows if row['calm'] for one in row['runs'] if one['stated'] and one['error']]
+    points = [
+        (number(one['error']), one['stated'])
+        for row in rows
+        if row['calm']
+        for one in row['runs']
+        if one['stated'] and one['error']
+    ]
     if points:
         axes[0, 1].loglog(*np.array(points).T, '.', ms=3, color=COLOURS[0])
     ends = np.array([1e-9, 1e1])

@@ -1,4 +1,5 @@
-"""Error against CPU time and counters, down to 1e-8: our step, reference integrators, Exudyn, and MuJoCo on open chains; six problems.
+"""Error against CPU time and counters, down to 1e-8: our step, reference integrators, Exudyn, and MuJoCo on open
+chains; six problems.
 
 The results of a problem are kept in out/problems as long as neither the solver nor this file changes: an interrupted
 study goes on with the problem it was in.
@@ -31,7 +32,8 @@ from solver.step.work import scheme_parameters
 
 SUMMARY = 'error against CPU time and counters: ALF, M-ALF, BDF, Radau, IDA, Exudyn and MuJoCo on six problems'
 BUDGET, QUICK_BUDGET = 8.0, 1.0  # s of CPU for one run; what takes longer is left out
-REPEATS, LONG = 3, 1.0  # of our runs and those of Exudyn and MuJoCo, the shortest counts; what takes longer [s] is run once
+# of our runs and those of Exudyn and MuJoCo, the shortest counts; what takes longer [s] is run once
+REPEATS, LONG = 3, 1.0
 TIGHT, TIGHTER = 1e-11, 1e-13  # tolerances of the reference solution; their difference is its error estimate
 EXUDYN, MUJOCO = 'Exudyn', 'MuJoCo'
 MUJOCO_PROGRAM = Path(peers.__file__).with_name('mujoco_linkage.py')
@@ -54,11 +56,40 @@ class Problem(NamedTuple):
 
 FINE = (2500, 5000, 12500, 31250)  # further divisions, for what is below engineering accuracy
 PROBLEMS = (
-    Problem('regular slider-crank', 'slider_crank_regular', 'slide', 'm', 5.0, 20, (5, 10, 25, 50, 100, 250, 500, 1000, *FINE)),
+    Problem(
+        'regular slider-crank',
+        'slider_crank_regular',
+        'slide',
+        'm',
+        5.0,
+        20,
+        (5, 10, 25, 50, 100, 250, 500, 1000, *FINE),
+    ),
     Problem('singular slider-crank', 'slider_crank', 'slide', 'm', 5.0, 20, (20, 25, 50, 100, 250, 500, 1000, *FINE)),
-    Problem('pendulum', 'pendulum', 'pivot', 'rad', 10.0, 20, (10, 20, 50, 100, 250, 500, 1000, 2000, 5000, 20000, 50000), chain=True),
-    Problem('double pendulum', 'chain', 'A1', 'rad', 2.0, 20, (5, 10, 20, 50, 100, 250, 500, 1000, *FINE), ('mechanism.links=2',), True),
-    Problem('chain of ten rods', 'chain', 'A1', 'rad', 1.0, 20, (5, 10, 20, 50, 100, 250, 500, 1000, 2500, 5000), (), True),
+    Problem(
+        'pendulum',
+        'pendulum',
+        'pivot',
+        'rad',
+        10.0,
+        20,
+        (10, 20, 50, 100, 250, 500, 1000, 2000, 5000, 20000, 50000),
+        chain=True,
+    ),
+    Problem(
+        'double pendulum',
+        'chain',
+        'A1',
+        'rad',
+        2.0,
+        20,
+        (5, 10, 20, 50, 100, 250, 500, 1000, *FINE),
+        ('mechanism.links=2',),
+        True,
+    ),
+    Problem(
+        'chain of ten rods', 'chain', 'A1', 'rad', 1.0, 20, (5, 10, 20, 50, 100, 250, 500, 1000, 2500, 5000), (), True
+    ),
     Problem("Andrews' squeezer", 'andrews', 'O', 'rad', 0.03, 10, (30, 60, 120, 300, 600, 1200, 3000, 10000, 30000)),
 )
 OURS: dict[str, dict[str, Any]] = {
@@ -67,7 +98,8 @@ OURS: dict[str, dict[str, Any]] = {
     'ALF, one iteration': {'iterations': 1},
     'ALF, order four': {'order': 4, 'rho_inf': 1.0, 'iterations': 3},
 }
-MUJOCO_INTEGRATORS = {'RK4': 4, 'IMPLICIT': 1, 'IMPLICITFAST': 1}  # evaluations (and factorizations of its mass matrix) of a step
+# evaluations (and factorizations of its mass matrix) of a step
+MUJOCO_INTEGRATORS = {'RK4': 4, 'IMPLICIT': 1, 'IMPLICITFAST': 1}
 MUJOCO_FIRST = (1, 2, 4)  # divisions before those of a problem
 LEAST_INERTIA = 1e-12  # kg m^2: MuJoCo takes no point masses
 M_ALF = 'M-ALF'
@@ -78,7 +110,11 @@ TOLERANCES, QUICK_TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9), (1e-4
 
 def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     """Run every method on every problem and judge who is on the front."""
-    problems = [p._replace(duration=p.duration / 5, intervals=p.intervals // 5) for p in PROBLEMS if p.name in QUICK] if quick else PROBLEMS
+    problems = (
+        [p._replace(duration=p.duration / 5, intervals=p.intervals // 5) for p in PROBLEMS if p.name in QUICK]
+        if quick
+        else PROBLEMS
+    )
     report = Report(out, 'Work and precision')
     report.text(*precision_report.INTRODUCTION)
     kept = Store(out / 'problems')
@@ -97,7 +133,9 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
             found = json.loads(content)
         points += [Point(**point) for point in found['points']]
         notes += found['notes']
-        references.append({'problem': problem.name, 'reference': _reference_name(problem), 'error estimate': found['estimate']})
+        references.append(
+            {'problem': problem.name, 'reference': _reference_name(problem), 'error estimate': found['estimate']}
+        )
     report.table('references', references)
     report.text(*dict.fromkeys(notes))
     report.table('points', [point._asdict() for point in points], shown=False)
@@ -168,7 +206,9 @@ def _reference(problem: Problem, scene: Scene, instants: np.ndarray) -> tuple[np
         return x - 2 * np.cos(START), float(np.abs(x - coarse).max())
     found = []
     for tolerance in (TIGHT, TIGHTER):
-        values, _, _ = _values(problem, _with(scene, kind='reference_kkt', tolerance=tolerance, h=problem.duration / problem.intervals))
+        values, _, _ = _values(
+            problem, _with(scene, kind='reference_kkt', tolerance=tolerance, h=problem.duration / problem.intervals)
+        )
         found.append(values)
     return found[1], float(np.abs(found[1] - found[0]).max())
 
@@ -182,12 +222,14 @@ def _ours(problem: Problem, scene: Scene, divisions: tuple[int, ...]) -> Iterato
         h = round(problem.duration / problem.intervals / n * 1e9) * 1e-9
         for method, settings in OURS.items():
             yield method, f'h {h * 1e3:g} ms', _with(scene, h=h, **settings)
-        fair = min(1e15, 1e6 * mass / (scheme_parameters(h, rho)['beta'] * h * h))  # what the default penalty is, on average
+        # what the default penalty is, on average
+        fair = min(1e15, 1e6 * mass / (scheme_parameters(h, rho)['beta'] * h * h))
         yield M_ALF, f'h {h * 1e3:g} ms', _with(scene, h=h, kind='m_alf', rho_inf=rho, penalty=fair)
 
 
 def _values(problem: Problem, scene: Scene, budget: float = math.inf) -> tuple[np.ndarray, float, dict[str, float]]:
-    """(change of the coordinate at the instants, CPU time [s], audit) of one run. Raises MbdError; TimeoutError above the budget."""
+    """(change of the coordinate at the instants, CPU time [s], audit) of one run. Raises MbdError; TimeoutError above
+    the budget."""
     simulation = simulation_of(scene)
     column = simulation.channels.joints.index(problem.joint)
     start = simulation.snapshot().joint_position[column]
@@ -201,7 +243,9 @@ def _values(problem: Problem, scene: Scene, budget: float = math.inf) -> tuple[n
     return np.array(values), time.process_time() - begin, simulation.totals()
 
 
-def _run(problem: Problem, method: str, setting: str, scene: Scene, exact: np.ndarray, repeats: int, budget: float) -> Point:
+def _run(
+    problem: Problem, method: str, setting: str, scene: Scene, exact: np.ndarray, repeats: int, budget: float
+) -> Point:
     cpu = math.inf
     try:
         for _ in range(repeats):
@@ -216,7 +260,9 @@ def _run(problem: Problem, method: str, setting: str, scene: Scene, exact: np.nd
     except TimeoutError:
         return Point(problem.name, method, setting, math.nan, math.nan, 0, 0, 'over the budget')
     error = float(np.abs(values - exact).max())
-    return Point(problem.name, method, setting, error, cpu, int(audit['factorizations']), int(audit['evaluations']), 'ok')
+    return Point(
+        problem.name, method, setting, error, cpu, int(audit['factorizations']), int(audit['evaluations']), 'ok'
+    )
 
 
 def _exudyn(
@@ -238,7 +284,16 @@ def _exudyn(
         error = float(np.abs(np.array(found[0]['values'])[:, 0] - exact).max())
         cpu = min(f['cpu'] for f in found)
         points.append(
-            Point(problem.name, method, setting, error, cpu, found[0]['factorizations'], found[0]['evaluations'], f'ok, {rounds[0][0]}')
+            Point(
+                problem.name,
+                method,
+                setting,
+                error,
+                cpu,
+                found[0]['factorizations'],
+                found[0]['evaluations'],
+                f'ok, {rounds[0][0]}',
+            )
         )
     return points
 
@@ -246,7 +301,8 @@ def _exudyn(
 def _mujoco(
     problem: Problem, scene: Scene, instants: np.ndarray, exact: np.ndarray, divisions: tuple[int, ...], repeats: int
 ) -> list[Point]:
-    """Its explicit and its implicit integrators on an open chain, which it describes by the angles of its hinges: no constraint at all."""
+    """Its explicit and its implicit integrators on an open chain, which it describes by the angles of its hinges: no
+    constraint at all."""
     model = peers.planar(simulation_of(_with(scene)), instants, problem.joint)
     body = model['observe'][0][0]
     for entry in model['bodies']:
@@ -267,5 +323,7 @@ def _mujoco(
         turned = np.array(found[0]['values'])[:, body, 2] - model['bodies'][body]['phi']
         error = float(np.abs((turned - exact + np.pi) % (2 * np.pi) - np.pi).max())  # it gives angles up to whole turns
         work = MUJOCO_INTEGRATORS[settings['integrator']] * settings['steps']
-        points.append(Point(problem.name, method, setting, error, min(f['cpu'] for f in found), work, work, f'ok, {rounds[0][0]}'))
+        points.append(
+            Point(problem.name, method, setting, error, min(f['cpu'] for f in found), work, work, f'ok, {rounds[0][0]}')
+        )
     return points

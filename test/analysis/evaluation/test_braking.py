@@ -78,7 +78,8 @@ def test_split_friction() -> None:
 
 
 def test_split_friction_with_counter_steering_and_sideslip() -> None:
-    """Counted from what they are when the brakes are applied; sideslip counts above 3 m/s only, here up to t = 1 s + 24/8 s."""
+    """Counted from what they are when the brakes are applied; sideslip counts above 3 m/s only, here up to t = 1 s +
+    24/8 s."""
     s = stopping()
     since = np.clip(s.t - 1.0, 0.0, None)
     s.values['steering'] = 0.02 - 0.2 * since
@@ -94,7 +95,8 @@ def test_split_friction_with_counter_steering_and_sideslip() -> None:
 
 
 def on_strip(leaves: float = 2.5, comes: float = 0.0, rear: float = 0.1) -> Signals:
-    """The car of stopping() with its right wheels on friction 0.3 from `comes` to `leaves`, at the rear later; then it turns faster."""
+    """The car of stopping() with its right wheels on friction 0.3 from `comes` to `leaves`, at the rear later; then it
+    turns faster."""
     s = stopping()
     t, one = s.t, np.ones(s.t.size)
     for axle, later in (('front', 0.0), ('rear', rear)):
@@ -105,7 +107,8 @@ def on_strip(leaves: float = 2.5, comes: float = 0.0, rear: float = 0.1) -> Sign
 
 
 def test_split_friction_is_judged_until_a_wheel_leaves_the_strip() -> None:
-    """At t = 2.5 s, 1.5 s after the brakes: 27 m/s * 1.5 s - 4 m/s^2 (1.5 s)^2 = 31.5 m, 27 to 15 m/s; no MFDD, which ends at 2.7 m/s."""
+    """At t = 2.5 s, 1.5 s after the brakes: 27 m/s * 1.5 s - 4 m/s^2 (1.5 s)^2 = 31.5 m, 27 to 15 m/s; no MFDD, which
+    ends at 2.7 m/s."""
     r = braking.judge_split(on_strip(), braking.SplitFriction())
     assert r['yaw_rate_largest'] == pytest.approx(0.05)
     assert r['distance'] == pytest.approx(31.5, abs=0.01)
@@ -113,8 +116,13 @@ def test_split_friction_is_judged_until_a_wheel_leaves_the_strip() -> None:
     assert r['yaw_angle_largest'] == pytest.approx(0.075, abs=1e-9)
     assert r['deviation_largest'] == pytest.approx(0.45, abs=1e-9)
     assert np.isnan(r['mfdd'])
-    assert r.notes == ('judged until t = 2.5 s, 1.5 s after the brakes are applied: the front right wheel leaves the low friction then',)
-    with pytest.raises(BagError, match=r'a wheel leaves the low friction 0\.8 s after the brakes are applied; 1 s are needed'):
+    assert r.notes == (
+        'judged until t = 2.5 s, 1.5 s after the brakes are applied: the front right wheel leaves the low friction '
+        'then',
+    )
+    with pytest.raises(
+        BagError, match=r'a wheel leaves the low friction 0\.8 s after the brakes are applied; 1 s are needed'
+    ):
         braking.judge_split(on_strip(leaves=1.8), braking.SplitFriction())
 
 
@@ -126,18 +134,21 @@ def test_split_friction_that_holds_to_rest_is_judged_to_rest() -> None:
 
 
 def test_brakes_applied_before_the_strip_are_told() -> None:
-    """Front wheels on it from 0.95 s, rear wheels from 1.05 s: the brakes come between them. At 5 s the car stands already."""
+    """Front wheels on it from 0.95 s, rear wheels from 1.05 s: the brakes come between them. At 5 s the car stands
+    already."""
     one_axle = braking.judge_split(on_strip(leaves=7.0, comes=0.95), braking.SplitFriction()).notes
     assert one_axle == ('both rear wheels are on high friction when the brakes are applied',)
     notes = braking.judge_split(on_strip(leaves=7.0, comes=5.0), braking.SplitFriction()).notes
     assert notes == ('no split friction: all wheels are on a friction of 1 to 1 from the brakes on',)
     unknown = braking.judge_split(stopping(), braking.SplitFriction()).notes
-    assert unknown == ('whether the wheels stay on the split friction is not known: the recording has no friction under them',)
+    assert unknown == (
+        'whether the wheels stay on the split friction is not known: the recording has no friction under them',
+    )
 
 
 def test_a_command_that_jumps_is_applied_at_the_later_sample() -> None:
-    """10 Hz, 27.78 m/s, -7.5 m/s^2 from t = 1 s on: v^2/15 and not a sample of 2.8 m more. A pedal that takes 0.4 s, at 10 Hz, reaches 2 %
-    of its way 8 ms after it leaves zero."""
+    """10 Hz, 27.78 m/s, -7.5 m/s^2 from t = 1 s on: v^2/15 and not a sample of 2.8 m more. A pedal that takes 0.4 s, at
+    10 Hz, reaches 2 % of its way 8 ms after it leaves zero."""
     t = even(7.0, 10.0)
     v0 = 100.0 / 3.6
     s = made(t, speed=np.clip(v0 - 7.5 * np.clip(t - 1.0, 0.0, None), 0.0, None), brake=np.where(t > 0.95, 3000.0, 0.0))
@@ -150,15 +161,23 @@ def test_a_command_that_jumps_is_applied_at_the_later_sample() -> None:
 
 
 def spinning() -> Signals:
-    """Slides 64 m straight on at 6 m/s^2, and turns by 1 rad/s from the brakes on: after 1.57 s it is across its way, and its speed along
-    itself is zero."""
+    """Slides 64 m straight on at 6 m/s^2, and turns by 1 rad/s from the brakes on: after 1.57 s it is across its way,
+    and its speed along itself is zero."""
     t = even(8.0)
     since = np.clip(t - 1.0, 0.0, 27.78 / 6.0)
-    return made(t, speed=(27.78 - 6.0 * since) * np.cos(since), brake=np.where(t >= 1.0, 3000.0, 0.0), yaw_rate=np.where(t > 1.0, 1.0, 0.0))
+    return made(
+        t,
+        speed=(27.78 - 6.0 * since) * np.cos(since),
+        brake=np.where(t >= 1.0, 3000.0, 0.0),
+        yaw_rate=np.where(t > 1.0, 1.0, 0.0),
+    )
 
 
 def test_a_car_that_slides_across_its_way_does_not_stand() -> None:
-    for judge, parameters in ((braking.judge_stopping, braking.Stopping()), (braking.judge_split, braking.SplitFriction())):
+    for judge, parameters in (
+        (braking.judge_stopping, braking.Stopping()),
+        (braking.judge_split, braking.SplitFriction()),
+    ):
         with pytest.raises(BagError, match='the car spins in the recording: its wheels lock'):
             judge(spinning(), parameters)
 
@@ -172,12 +191,15 @@ def test_turning_before_the_brakes_are_applied_is_none_of_braking() -> None:
     both = made(t, **{name: np.concatenate([bend[name], s[name]]) for name in ('speed', 'brake', 'yaw_rate')})
     r = braking.judge_split(both, braking.SplitFriction())
     assert r['yaw_angle_largest'] == pytest.approx(0.05 * 27.0 / 8.0, abs=2e-3)
-    assert braking.judge_stopping(both, braking.Stopping())['distance'] == pytest.approx(27.0**2 / 16.0, abs=27.0 / 200.0)
+    assert braking.judge_stopping(both, braking.Stopping())['distance'] == pytest.approx(
+        27.0**2 / 16.0, abs=27.0 / 200.0
+    )
 
 
 @pytest.mark.parametrize('before', [100.0, 3000.0])
 def test_the_brakes_that_stop_the_car_count_and_not_those_before(before: float) -> None:
-    """Touched from 1.0 to 1.3 s, at 27.4 m/s; 5 s later the stop: v^2/16, not 130 m more. Pumped brakes are applied once."""
+    """Touched from 1.0 to 1.3 s, at 27.4 m/s; 5 s later the stop: v^2/16, not 130 m more. Pumped brakes are applied
+    once."""
     t = even(14.0)
     v = np.clip(27.4 - 8.0 * np.clip(t - 6.0, 0.0, None), 0.0, None)
     s = made(t, speed=v, brake=np.where(t >= 6.0, 3000.0, 0.0) + np.where((t >= 1.0) & (t < 1.3), before, 0.0))
@@ -209,10 +231,14 @@ def test_a_sensor_that_shows_brakes_where_there_are_none_is_told() -> None:
 def test_a_car_that_is_held_by_its_brakes_before_it_drives_off_is_judged_when_it_stops() -> None:
     s = stopping()
     wait = even(10.0)[:-1]
-    off = made(wait, speed=np.clip(5.0 * (wait - 4.0), 0.0, 27.0), brake=np.where(wait < 3.0, 3000.0, 0.0), yaw_rate=0.0)
+    off = made(
+        wait, speed=np.clip(5.0 * (wait - 4.0), 0.0, 27.0), brake=np.where(wait < 3.0, 3000.0, 0.0), yaw_rate=0.0
+    )
     t = np.concatenate([wait, 10.0 + s.t])
     both = made(t, **{name: np.concatenate([off[name], s[name]]) for name in ('speed', 'brake', 'yaw_rate')})
-    assert braking.judge_stopping(both, braking.Stopping())['distance'] == pytest.approx(27.0**2 / 16.0, abs=27.0 / 200.0)
+    assert braking.judge_stopping(both, braking.Stopping())['distance'] == pytest.approx(
+        27.0**2 / 16.0, abs=27.0 / 200.0
+    )
 
 
 def test_braking_that_is_none_is_refused() -> None:
@@ -221,6 +247,8 @@ def test_braking_that_is_none_is_refused() -> None:
     with pytest.raises(BagError, match='not applied'):
         braking.judge_stopping(s, braking.Stopping())
     with pytest.raises(
-        BagError, match=r'does not come to rest in the recording: 21 m/s at its end; it lasts 7 s, record for longer .*--set duration='
+        BagError,
+        match=r'does not come to rest in the recording: 21 m/s at its end; it lasts 7 s, record for longer .*--set '
+        r'duration=',
     ):
         braking.judge_stopping(stopping(b=1.0), braking.Stopping())

@@ -1,4 +1,5 @@
-"""What `mbd maneuver` composes: roads, times and places follow from the speed and the friction that are set; nothing is driven here."""
+"""What `mbd maneuver` composes: roads, times and places follow from the speed and the friction that are set; nothing is
+driven here."""
 
 from __future__ import annotations
 
@@ -37,14 +38,23 @@ def composed(monkeypatch: pytest.MonkeyPatch, name: str, *overrides: str) -> Sce
 
 
 def test_a_run_by_another_plan_is_another_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A plan that is made anew is not in the text of a scene with fidelity auto; the run of the older one was taken for its own."""
+    """A plan that is made anew is not in the text of a scene with fidelity auto; the run of the older one was taken for
+    its own."""
     monkeypatch.setattr(auto, 'location', lambda: tmp_path)
     monkeypatch.setattr(driving, 'simulation_of', lambda scene: None)
-    monkeypatch.setattr(driving, 'simulate', lambda simulation, steps, *, directory, progress: directory.mkdir(parents=True))
+    monkeypatch.setattr(
+        driving, 'simulate', lambda simulation, steps, *, directory, progress: directory.mkdir(parents=True)
+    )
     settings = ['fidelity=auto', 'require={yaw_rate: {rms: 2 %}}']
     one = Driving('light_car', tmp_path / 'out', settings)
     text = scene_text(called('iso21994')[0].drive, one.vehicle, 'x', settings)
-    plan = {'status': 'ok', 'fidelity': 'full', 'settings': {'switches': {}, 'integrator': {'h': 4e-3}}, 'envelope': [], 'findings': []}
+    plan = {
+        'status': 'ok',
+        'fidelity': 'full',
+        'settings': {'switches': {}, 'integrator': {'h': 4e-3}},
+        'envelope': [],
+        'findings': [],
+    }
     places = []
     for h in (4e-3, 2e-3, 2e-3):
         auto.keep(load_scene_text(text, 'x', settings), plan | {'settings': {'switches': {}, 'integrator': {'h': h}}})
@@ -57,7 +67,9 @@ def test_a_run_by_another_plan_is_another_run(tmp_path: Path, monkeypatch: pytes
     ('overrides', 'length'),
     [((), 220.0), (('start.speed_kmh=130',), 410.0), (('duration=21',), 420.0), (('start.speed=5',), 220.0)],
 )  # m: 36.11 m/s * 11 s = 397.2 m and 6 m for the front wheels; 19.44 m/s * 21 s = 408.3 m and 6 m
-def test_the_rough_road_is_as_long_as_the_way_of_the_car(overrides: tuple[str, ...], length: float, monkeypatch) -> None:
+def test_the_rough_road_is_as_long_as_the_way_of_the_car(
+    overrides: tuple[str, ...], length: float, monkeypatch
+) -> None:
     grid = composed(monkeypatch, 'iso2631', *overrides).model.road.grids[0]
     assert isinstance(grid, RandomRoad)
     assert grid.length == length
@@ -119,20 +131,25 @@ def test_the_throttle_is_released_two_metres_behind_the_first_cones(speed: float
         ('iso3888_2', ('start.speed_kmh=30',), 13.3),  # 1.29 times 86 m at 8.333 m/s
     ],
 )
-def test_a_maneuver_lasts_as_long_as_it_takes(name: str, overrides: tuple[str, ...], seconds: float, monkeypatch) -> None:
+def test_a_maneuver_lasts_as_long_as_it_takes(
+    name: str, overrides: tuple[str, ...], seconds: float, monkeypatch
+) -> None:
     assert composed(monkeypatch, name, *overrides).duration == pytest.approx(seconds, abs=0.051)
 
 
 @pytest.mark.parametrize('name', ['iso21994', 'iso14512', 'iso3888_1'])
 def test_a_car_with_a_trailer_is_refused_for_its_trailer(name: str, tmp_path: Path) -> None:
     one = Driving('full_car', tmp_path, ['vehicle.trailer=vehicles/trailers/caravan.yaml'])
-    with pytest.raises(SpecError, match=r'full_car pulls a trailer, and the norm is for cars alone: remove vehicle\.trailer'):
+    with pytest.raises(
+        SpecError, match=r'full_car pulls a trailer, and the norm is for cars alone: remove vehicle\.trailer'
+    ):
         one.drive(called(name)[0])
     assert not list(tmp_path.iterdir())
 
 
 class Ramps:
-    """Ramps of the steering wheel at 13.5 deg/s that are not driven: a grows by 0.03 m/s^2 per degree up to `most`, in runs of any length.
+    """Ramps of the steering wheel at 13.5 deg/s that are not driven: a grows by 0.03 m/s^2 per degree up to `most`, in
+    runs of any length.
 
     They keep what was asked for."""
 
@@ -147,7 +164,12 @@ class Ramps:
 
     @property
     def seconds(self) -> list[float]:
-        return [float(setting.removeprefix('duration=')) for settings in self.settings for setting in settings if 'duration' in setting]
+        return [
+            float(setting.removeprefix('duration='))
+            for settings in self.settings
+            for setting in settings
+            if 'duration' in setting
+        ]
 
     def run(self, label: str, text: str, settings: list[str], **_: bool) -> Path:
         self.settings.append(list(settings))
@@ -160,7 +182,8 @@ class Ramps:
 
 
 def test_a_ramp_goes_on_while_the_car_answers(monkeypatch) -> None:
-    """4 m/s^2 at 133 deg, and 4.2 at 140 deg: 11.4 s. At 0.02 m/s^2 per degree 210 deg, 16.6 s, which is the ramp of 20 s."""
+    """4 m/s^2 at 133 deg, and 4.2 at 140 deg: 11.4 s. At 0.02 m/s^2 per degree 210 deg, 16.6 s, which is the ramp of 20
+    s."""
     ramps = Ramps(monkeypatch, 8.0)
     assert np.degrees(ramps.driving._reaching(ramps.text, 4.0)) == pytest.approx(4.0 / 0.03, rel=0.02)
     assert ramps.seconds == [5.0, 8.0, 12.0]
@@ -171,7 +194,9 @@ def test_a_ramp_goes_on_while_the_car_answers(monkeypatch) -> None:
 
 def test_a_car_that_has_done_its_best_is_told_after_twelve_seconds(monkeypatch) -> None:
     ramps = Ramps(monkeypatch, 3.0)
-    with pytest.raises(SpecError, match=r'light_car does not reach a lateral acceleration of 4 m/s\^2 at this speed: 3 m/s\^2 at'):
+    with pytest.raises(
+        SpecError, match=r'light_car does not reach a lateral acceleration of 4 m/s\^2 at this speed: 3 m/s\^2 at'
+    ):
         ramps.driving._reaching(ramps.text, 4.0)
     assert ramps.seconds == [5.0, 8.0, 12.0]
 

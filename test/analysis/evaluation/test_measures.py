@@ -24,7 +24,8 @@ def test_crossings_and_peaks_lie_between_samples() -> None:
 
 
 def test_the_low_pass_has_the_gain_of_twelve_poles_and_no_phase() -> None:
-    """|H| of two passes of order 6 is 1/(1 + (f/f_c)^12); the bilinear transform bends frequencies by (pi f/rate)^2/3 at most."""
+    """|H| of two passes of order 6 is 1/(1 + (f/f_c)^12); the bilinear transform bends frequencies by (pi f/rate)^2/3
+    at most."""
     t = even(20.0, 500.0)
     middle = (t > 8.0) & (t < 12.0)
     for f in (3.0, 6.0, 9.0):

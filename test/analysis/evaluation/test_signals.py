@@ -22,7 +22,8 @@ def pose(t: np.ndarray, heading: np.ndarray, roll: float, speed: float) -> dict[
 
 
 def test_signals_come_from_topics_of_different_rates_on_uneven_stamps(rng: np.random.Generator) -> None:
-    """A body that rolls by 0.05 rad and turns; the specific force holds what gravity adds, the lateral acceleration does not."""
+    """A body that rolls by 0.05 rad and turns; the specific force holds what gravity adds, the lateral acceleration
+    does not."""
     t1 = np.sort(np.concatenate([[0.0, 10.0], rng.uniform(0.0, 10.0, 4000)]))
     t2 = even(10.0, 100.0) + 0.001 * np.sin(np.arange(1001))
     t2[[0, -1]] = 0.0, 10.0
@@ -33,14 +34,17 @@ def test_signals_come_from_topics_of_different_rates_on_uneven_stamps(rng: np.ra
         body[f'odom/pose/q{n}'] = body[f'odom/pose/q{n}'] * signs
     w = np.array([0.0, np.sin(roll) * r, np.cos(roll) * r])  # in the body
     force = np.array([0.0, a * np.cos(roll) + G * np.sin(roll), -a * np.sin(roll) + G * np.cos(roll)])
-    body |= {f'odom/twist/{n}': np.full_like(t1, x) for n, x in zip(('vx', 'vy', 'vz', 'wx', 'wy', 'wz'), (v, 0.0, 0.0, *w))}
+    body |= {
+        f'odom/twist/{n}': np.full_like(t1, x) for n, x in zip(('vx', 'vy', 'vz', 'wx', 'wy', 'wz'), (v, 0.0, 0.0, *w))
+    }
     stamps = [EPOCH + np.round(t * 1e9).astype(np.int64) for t in (t1, t2)]
     run = Run(
         {
             'odom': Series(stamps[0], body),
             'imu': Series(stamps[1], {f'imu/{n}': np.full_like(t2, x) for n, x in zip(('ax', 'ay', 'az'), force)}),
             'cmd_applied': Series(
-                stamps[1], {'cmd_applied/steering': 0.1 * t2, 'cmd_applied/brake_torque': np.where(t2 < 5.0, 0.0, 100.0)}
+                stamps[1],
+                {'cmd_applied/steering': 0.1 * t2, 'cmd_applied/brake_torque': np.where(t2 < 5.0, 0.0, 100.0)},
             ),
         }
     )
@@ -54,8 +58,12 @@ def test_signals_come_from_topics_of_different_rates_on_uneven_stamps(rng: np.ra
     assert s['steering'] == pytest.approx(0.1 * s.t, abs=1e-9)
     assert set(np.unique(s['brake'])) == {0.0, 100.0}  # held, nothing between
     assert np.ptp(np.diff(s.t)) < 1e-9
-    assert s.every('heading') == pytest.approx(s.t[1]) and s.every('heading', 'steering') == pytest.approx(0.01, abs=1e-4)
-    with pytest.raises(BagError, match='has no hand torque: the channel steering_torque or cmd_applied/steering_torque is needed'):
+    assert s.every('heading') == pytest.approx(s.t[1]) and s.every('heading', 'steering') == pytest.approx(
+        0.01, abs=1e-4
+    )
+    with pytest.raises(
+        BagError, match='has no hand torque: the channel steering_torque or cmd_applied/steering_torque is needed'
+    ):
         signals(run, 'bag', ('steering_torque',))
     del run.series['odom']
     again = signals(run, 'bag', ('lateral_acceleration',))
@@ -123,7 +131,8 @@ def test_a_topic_that_is_not_there_for_the_whole_time_is_told(begin: float, end:
 
 
 def test_the_hand_torque_is_that_which_turns_the_steering_wheel() -> None:
-    """Of a steering wheel that a torque turns the effort is what all together do: the hand, and the damper of the steering."""
+    """Of a steering wheel that a torque turns the effort is what all together do: the hand, and the damper of the
+    steering."""
     stamps = np.arange(1001, dtype=np.int64) * 10**7
     effort = Series(stamps, {'joint_states/steering_wheel/effort': np.full(1001, 9.0)})
     assert set(signals(Run({'joint_states': effort}), 'bag', ('steering_torque',))['steering_torque']) == {9.0}
@@ -133,18 +142,22 @@ def test_the_hand_torque_is_that_which_turns_the_steering_wheel() -> None:
 
 
 def test_commands_that_are_sent_when_they_change_hold_to_the_end() -> None:
-    """A brake that is told twice, at 0 and 4 s, is no gap and does not end the recording, and one that is told first at 4 s begins it."""
+    """A brake that is told twice, at 0 and 4 s, is no gap and does not end the recording, and one that is told first at
+    4 s begins it."""
     t = even(10.0, 100.0)
     stamps = np.round(t * 1e9).astype(np.int64)
     for first, values in ((0, [0.0, 3000.0]), (1, [3000.0])):
         told = Series(np.array([0, 4 * 10**9])[first:], {'cmd_applied/brake_torque': np.array(values)})
-        s = signals(Run({'odom': Series(stamps, {'odom/twist/vx': 20.0 - t}), 'cmd_applied': told}), 'bag', ('speed', 'brake'))
+        s = signals(
+            Run({'odom': Series(stamps, {'odom/twist/vx': 20.0 - t}), 'cmd_applied': told}), 'bag', ('speed', 'brake')
+        )
         assert (s.t[0], s.t[-1], s.notes) == (4.0 * first, 10.0, [])
         assert s['brake'] == pytest.approx(np.where(s.t >= 4.0, 3000.0, 0.0))
 
 
 def test_what_is_recorded_finer_than_the_grid_does_not_come_back_as_a_slow_motion() -> None:
-    """1003 Hz at 5 kHz, of which samples at 1 kHz would make 3 Hz; 20 Hz stay as they are, also on stamps that scatter."""
+    """1003 Hz at 5 kHz, of which samples at 1 kHz would make 3 Hz; 20 Hz stay as they are, also on stamps that
+    scatter."""
     t = even(4.0, 5000.0)
     jitter = 2e-5 * np.sin(np.arange(t.size))
     for stamps in (t, np.concatenate([t[:1], t[1:-1] + jitter[1:-1], t[-1:]])):
@@ -153,11 +166,14 @@ def test_what_is_recorded_finer_than_the_grid_does_not_come_back_as_a_slow_motio
         s = signals(Run({'': series}), 'bag', ('az',))
         assert s.rate == pytest.approx(1000.0)
         inside = s.between(0.1, 3.9)
-        assert s['az'][inside] == pytest.approx(np.sin(2.0 * np.pi * 20.0 * s.t[inside]), abs=1e-3 if stamps is t else 0.08)
+        assert s['az'][inside] == pytest.approx(
+            np.sin(2.0 * np.pi * 20.0 * s.t[inside]), abs=1e-3 if stamps is t else 0.08
+        )
 
 
 def test_an_orientation_of_zeros_is_none() -> None:
-    """Who knows no orientation sends zeros, not that the car heads along x; the lateral acceleration is that of its sensor, and told."""
+    """Who knows no orientation sends zeros, not that the car heads along x; the lateral acceleration is that of its
+    sensor, and told."""
     t = even(10.0, 100.0)
     stamps = np.round(t * 1e9).astype(np.int64)
     body = pose(t, 0.1 * t, 0.0, 20.0)
@@ -190,7 +206,9 @@ def test_why_a_topic_is_not_read_is_told() -> None:
     run = Run({'imu': Series(stamps, {'imu/wz': 0.0 * t})}, left_out={'odom': 'its times go back by 7 s'})
     with pytest.raises(BagError, match='has no speed along the vehicle: odom is not read: its times go back by 7 s'):
         signals(run, 'bag', ('speed',))
-    assert signals(run, 'bag', ('yaw_rate',), ('roll', 'sideslip_angle')).notes == ['odom is not read: its times go back by 7 s']
+    assert signals(run, 'bag', ('yaw_rate',), ('roll', 'sideslip_angle')).notes == [
+        'odom is not read: its times go back by 7 s'
+    ]
     assert signals(run, 'bag', ('yaw_rate',)).notes == []
 
 

@@ -31,16 +31,23 @@ def test_ratios_and_displacement_of_a_sine_with_dwell(side: float) -> None:
 
 def test_limits_of_a_sine_with_dwell() -> None:
     def verdicts(s: Signals, **given: float) -> dict[str, bool | None]:
-        return {f.name: f.ok for f in sine_with_dwell.judge(s, sine_with_dwell.SineWithDwell(**given)).figures if f.limit}
+        return {
+            f.name: f.ok for f in sine_with_dwell.judge(s, sine_with_dwell.SineWithDwell(**given)).figures if f.limit
+        }
 
     near = {'reference': 0.25, 'mass': 1500.0}
     assert all(verdicts(dwelling(push=9.1), **near).values())  # 1.86 m
     assert verdicts(dwelling(push=8.8), **near)['displacement'] is False  # 1.80 m
-    assert verdicts(dwelling(push=8.8), reference=0.25, mass=4000.0)['displacement'] is True  # 1.52 m are enough for a heavy one
+    # 1.52 m are enough for a heavy one
+    assert verdicts(dwelling(push=8.8), reference=0.25, mass=4000.0)['displacement'] is True
     assert verdicts(dwelling(push=1.0), reference=0.4)['displacement'] is None  # 3.75 A
     assert verdicts(dwelling(push=1.0))['displacement'] is None  # A is not known
     assert verdicts(dwelling(ratios=(0.37, 0.1)))['yaw_rate_ratio_100'] is False
-    assert verdicts(dwelling(ratios=(0.33, 0.22))) == {'yaw_rate_ratio_100': True, 'yaw_rate_ratio_175': False, 'displacement': None}
+    assert verdicts(dwelling(ratios=(0.33, 0.22))) == {
+        'yaw_rate_ratio_100': True,
+        'yaw_rate_ratio_175': False,
+        'displacement': None,
+    }
 
 
 def test_a_car_that_spins_to_its_first_side_has_no_second_peak_and_fails() -> None:
@@ -64,7 +71,11 @@ def test_another_speed_than_that_of_the_norm_is_told() -> None:
     def told(kmh: float) -> list[str]:
         s = dwelling()
         s.values['speed'][:] = kmh / 3.6
-        return [note for note in sine_with_dwell.judge(s, sine_with_dwell.SineWithDwell(reference=0.25)).notes if 'km/h' in note]
+        return [
+            note
+            for note in sine_with_dwell.judge(s, sine_with_dwell.SineWithDwell(reference=0.25)).notes
+            if 'km/h' in note
+        ]
 
     assert told(78.1) == told(81.9) == []
     assert told(60.0) == ['steered at 60 km/h; the norm wants 80 km/h, to 2 km/h']
@@ -72,7 +83,8 @@ def test_another_speed_than_that_of_the_norm_is_told() -> None:
 
 
 def test_an_angle_a_in_degrees_is_told() -> None:
-    """14.3 deg given as rad: the sine of 86 deg would be one of 0.1 A, of which no displacement is asked, and the run passed."""
+    """14.3 deg given as rad: the sine of 86 deg would be one of 0.1 A, of which no displacement is asked, and the run
+    passed."""
 
     def told(reference: float) -> list[str]:
         notes = sine_with_dwell.judge(dwelling(push=1.0), sine_with_dwell.SineWithDwell(reference=reference)).notes
@@ -92,8 +104,8 @@ def test_samples_too_far_apart_for_the_filters_are_told(rate: float, told: bool)
 
 @pytest.mark.parametrize('side', [1.0, -1.0])
 def test_a_steering_wheel_that_comes_to_rest_beside_zero_is_back_when_it_comes(side: float) -> None:
-    """0.4 deg short of zero, through which it creeps 0.8 s later: half of the peak a second after it came is too much, although 1.8 s after
-    it, at 0.1, all is well. Where it never comes through, the figures are the same."""
+    """0.4 deg short of zero, through which it creeps 0.8 s later: half of the peak a second after it came is too much,
+    although 1.8 s after it, at 0.1, all is well. Where it never comes through, the figures are the same."""
     came = 2.0 + 1.0 / 0.7 + 0.5
     for end in (0.1, -0.4):
         s = dwelling(0.6, side=side, ratios=(0.5, 0.1))
@@ -125,7 +137,10 @@ def test_a_steering_too_direct_for_the_series_is_told() -> None:
 
 def test_a_series_is_as_good_as_its_worst_run() -> None:
     p = sine_with_dwell.SineWithDwell(reference=0.25)
-    runs = [sine_with_dwell.judge(dwelling(a, ratios=(q, 0.1), push=9.5), p) for a, q in ((1.0, 0.1), (1.25, 0.2), (1.5, 0.4))]
+    runs = [
+        sine_with_dwell.judge(dwelling(a, ratios=(q, 0.1), push=9.5), p)
+        for a, q in ((1.0, 0.1), (1.25, 0.2), (1.5, 0.4))
+    ]
     found = {f.name: f for f in sine_with_dwell.together(runs)}
     assert found['worst_ratio_100'].value == pytest.approx(0.4, rel=0.01)
     assert found['worst_ratio_100'].ok is False

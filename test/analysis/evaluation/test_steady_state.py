@@ -22,7 +22,9 @@ def test_gradients_of_a_linear_car(method: str, side: float) -> None:
     assert r['roll_gradient'] == pytest.approx(ROLL, **smoothing)
     assert r['sideslip_gradient'] == pytest.approx(SLIP, **smoothing)
     assert r['steering_torque_gradient'] == pytest.approx(TORQUE, **smoothing)
-    assert r['mean'] == pytest.approx({'constant_radius': 100.0, 'constant_steering': 0.4, 'constant_speed': 22.0}[method], rel=1e-6)
+    assert r['mean'] == pytest.approx(
+        {'constant_radius': 100.0, 'constant_steering': 0.4, 'constant_speed': 22.0}[method], rel=1e-6
+    )
     assert r['spread'] < 1e-6
     assert r['largest_acceleration'] == pytest.approx(
         circling(method)['lateral_acceleration'].max(), rel=0.01
@@ -42,12 +44,14 @@ def test_noise_does_not_bend_the_gradients(rng: np.random.Generator) -> None:
     for name, size in (('yaw_rate', 0.014), ('steering', 0.005), ('roll', 0.002)):
         s.values[name] += size * rng.standard_normal(s.t.size)
     r = steady_state.judge(s, steady_state.SteadyState(wheelbase=L, ratio=RATIO), 'constant_speed')
-    # after the low pass about 50 independent samples remain, with noise of 0.3 mrad in roll and 0.04 m/s^2: 0.9 % for a standard deviation
+    # after the low pass about 50 independent samples remain, with noise of 0.3 mrad in roll and 0.04 m/s^2: 0.9 % for a
+    # standard deviation
     assert r['understeer_gradient'] == pytest.approx(U, rel=0.04)
     assert r['roll_gradient'] == pytest.approx(ROLL, rel=0.04)
 
 
-@pytest.mark.parametrize(('times', 'outcome'), [(1.0, 'steady'), (10.0, 'note'), (40.0, 'refused')])  # of 0.12 m/s^2 in a second
+# of 0.12 m/s^2 in a second
+@pytest.mark.parametrize(('times', 'outcome'), [(1.0, 'steady'), (10.0, 'note'), (40.0, 'refused')])
 def test_a_steering_wheel_that_is_turned_fast_is_no_steady_state(times: float, outcome: str) -> None:
     s = circling('constant_speed')
     s.t = s.t / times
@@ -75,12 +79,18 @@ def test_circles_that_are_none_are_refused() -> None:
 
 @pytest.mark.parametrize('side', [1.0, -1.0])
 def test_the_entry_into_a_circle_is_no_part_of_it(side: float) -> None:
-    """40 m at 8 m/s: 1.6 m/s^2 in the circle, which the car enters within 2 s and with 15 % too much curvature on the way."""
+    """40 m at 8 m/s: 1.6 m/s^2 in the circle, which the car enters within 2 s and with 15 % too much curvature on the
+    way."""
     s = circling('constant_radius', side)
     v = np.clip(8.0 + 0.5 * (s.t - 6.0), 8.0, None)
     k = np.interp(s.t, [1.0, 2.2, 3.0, 3.5], [0.0, 1.15, 1.15, 1.0]) / 40.0
     a, moving = v * v * k, np.interp(s.t, [1.0, 2.0], [0.0, 1.0])
-    s.values |= {'speed': v, 'yaw_rate': side * v * k, 'steering': side * RATIO * (L * k + U * a), 'roll': side * ROLL * a * moving}
+    s.values |= {
+        'speed': v,
+        'yaw_rate': side * v * k,
+        'steering': side * RATIO * (L * k + U * a),
+        'roll': side * ROLL * a * moving,
+    }
     r = steady_state.judge(s, steady_state.SteadyState(wheelbase=L, ratio=RATIO), 'constant_radius')
     assert r['mean'] == pytest.approx(40.0, rel=3e-3)
     assert r['spread'] < 0.01
@@ -92,6 +102,7 @@ def test_a_circle_that_begins_too_fast_is_told() -> None:
     v = 17.0 + 0.1 * s.t
     s.values |= {'speed': v, 'yaw_rate': 0.01 * v}
     with pytest.raises(
-        BagError, match=r'between 1 and 4 m/s\^2 are not passed through \(largest 4.41 m/s\^2, steady from 2.89 m/s\^2 on\)'
+        BagError,
+        match=r'between 1 and 4 m/s\^2 are not passed through \(largest 4.41 m/s\^2, steady from 2.89 m/s\^2 on\)',
     ):
         steady_state.judge(s, steady_state.SteadyState(), 'constant_radius')

@@ -16,7 +16,8 @@ from solver.errors import BagError
 
 @pytest.mark.parametrize('side', [1.0, -1.0])
 def test_step_response_of_second_order(side: float) -> None:
-    """Peak at pi/w_d, overshoot exp(-pi D/sqrt(1 - D^2)); the response time solves the closed form; half the step is at t = 2 s."""
+    """Peak at pi/w_d, overshoot exp(-pi D/sqrt(1 - D^2)); the response time solves the closed form; half the step is at
+    t = 2 s."""
     r = transient.judge_step(stepped(side), transient.StepSteer())
     assert r['speed'] == pytest.approx(22.0)
     assert r['steering'] == pytest.approx(side * 0.5)
@@ -43,7 +44,8 @@ def test_step_response_of_second_order(side: float) -> None:
 
 @pytest.mark.parametrize('rate, told', [(50.0, False), (20.0, True)])
 def test_samples_too_far_apart_for_response_times_are_told(rate: float, told: bool) -> None:
-    """Of 0.08 s in which the steering wheel turns, one of 20 Hz has less than three; also where another topic is as fine as ever."""
+    """Of 0.08 s in which the steering wheel turns, one of 20 Hz has less than three; also where another topic is as
+    fine as ever."""
     coarse = transient.judge_step(stepped(rate=rate), transient.StepSteer())
     results = [coarse]
     for name in ('yaw_rate', 'roll'):
@@ -56,7 +58,8 @@ def test_samples_too_far_apart_for_response_times_are_told(rate: float, told: bo
 
 
 def test_a_response_that_only_grows_has_no_peak() -> None:
-    """Two real poles: 0.3 (1 - (b e^-at - a e^-bt)/(b - a)) has no overshoot; where it happens to be largest is no peak response time."""
+    """Two real poles: 0.3 (1 - (b e^-at - a e^-bt)/(b - a)) has no overshoot; where it happens to be largest is no peak
+    response time."""
     s = stepped()
     since = np.maximum(s.t - 2.0, 0.0)
     a, b = 4.0, 20.0
@@ -81,8 +84,8 @@ def test_what_does_not_answer_has_no_response_time(roll: float) -> None:
 
 
 def test_a_peak_that_is_noise_is_told(rng: np.random.Generator) -> None:
-    """A yaw rate that grows to 0.3 rad/s without a peak, by a sensor with noise of 0.003 rad/s: its largest sample is anywhere. One that
-    overshoots by 9 % has its peak beside the same noise."""
+    """A yaw rate that grows to 0.3 rad/s without a peak, by a sensor with noise of 0.003 rad/s: its largest sample is
+    anywhere. One that overshoots by 9 % has its peak beside the same noise."""
     for overshoots in (False, True):
         noisy = stepped()
         t = noisy.t
@@ -94,7 +97,8 @@ def test_a_peak_that_is_noise_is_told(rng: np.random.Generator) -> None:
 
 
 def test_a_peak_is_that_before_the_steady_values() -> None:
-    """A car that goes on turning more, by 5 % a second: its yaw rate is largest in the end, and its peak is where it was."""
+    """A car that goes on turning more, by 5 % a second: its yaw rate is largest in the end, and its peak is where it
+    was."""
     s = stepped()
     s.values['yaw_rate'] *= 1.0 + 0.05 * np.clip(s.t - 2.0, 0.0, None)
     r = transient.judge_step(s, transient.StepSteer())
@@ -105,7 +109,9 @@ def test_a_peak_is_that_before_the_steady_values() -> None:
 def test_a_small_step_of_a_direct_steering_is_one() -> None:
     """3.4 deg at the steering wheel: the same car with a steering ratio eight times as small."""
     found = stepped()
-    direct = Signals(place='bag', t=found.t, values={**found.values, 'steering': 0.12 * found.values['steering']}, notes=[])
+    direct = Signals(
+        place='bag', t=found.t, values={**found.values, 'steering': 0.12 * found.values['steering']}, notes=[]
+    )
     assert transient.judge_step(direct, transient.StepSteer())['yaw_rate_gain'] == pytest.approx(0.6 / 0.12, rel=1e-3)
 
 
@@ -158,7 +164,11 @@ def test_frequency_response_of_second_order(kind: str, rng: np.random.Generator)
         down = next(k for k in np.arange(0.2, 4.0, 1e-3) if abs(H(k)) < abs(H(0.2)) / math.sqrt(2.0))
         assert r[f'{name}_bandwidth'] == pytest.approx(down, rel=0.02)
         assert r[f'{name}_least_coherence'] > 0.98
-        table = {float(x.name.removeprefix(f'{name}_gain_')[:-2]): x.value for x in r.figures if x.name.startswith(f'{name}_gain_')}
+        table = {
+            float(x.name.removeprefix(f'{name}_gain_')[:-2]): x.value
+            for x in r.figures
+            if x.name.startswith(f'{name}_gain_')
+        }
         assert len(table) >= 4
         assert table == pytest.approx({k: abs(H(k)) for k in table}, rel=0.02)
     assert r['speed'] == pytest.approx(22.0)
@@ -172,7 +182,8 @@ def test_frequency_response_of_second_order(kind: str, rng: np.random.Generator)
 
 
 def test_what_straight_lines_between_samples_take_of_a_gain_is_told(rng: np.random.Generator) -> None:
-    """A yaw rate of 10 Hz beside a steering wheel of 100 Hz: sinc(f/10 Hz)^2, 19 % at 2.5 Hz; of 50 Hz 0.8 %, which is not told."""
+    """A yaw rate of 10 Hz beside a steering wheel of 100 Hz: sinc(f/10 Hz)^2, 19 % at 2.5 Hz; of 50 Hz 0.8 %, which is
+    not told."""
     rate = 100.0
     t = even(240.0, rate)
     x = 0.3 * signal.sosfilt(signal.butter(4, 3.0, fs=rate, output='sos'), rng.standard_normal(t.size))
@@ -183,10 +194,13 @@ def test_what_straight_lines_between_samples_take_of_a_gain_is_told(rng: np.rand
         if every > 1:
             s.spacing['yaw_rate'] = every / rate
         found[every] = transient.judge_frequencies(s, transient.FrequencyResponse())
-    assert found[10]['yaw_rate_gain_2.5hz'] / found[1]['yaw_rate_gain_2.5hz'] == pytest.approx(np.sinc(0.25) ** 2, rel=0.02)
+    assert found[10]['yaw_rate_gain_2.5hz'] / found[1]['yaw_rate_gain_2.5hz'] == pytest.approx(
+        np.sinc(0.25) ** 2, rel=0.02
+    )
     assert found[1].notes == found[2].notes == ()
     assert any(
-        'the yaw rate is recorded every 0.1 s' in note and 'take 19 % of its amplitude at 2.5 Hz' in note for note in found[10].notes
+        'the yaw rate is recorded every 0.1 s' in note and 'take 19 % of its amplitude at 2.5 Hz' in note
+        for note in found[10].notes
     )
 
 
@@ -205,8 +219,8 @@ def test_the_lowest_frequency_is_named_as_it_is(rng: np.random.Generator) -> Non
 
 @pytest.mark.parametrize('rate', [99.96, 100.04])
 def test_a_rate_that_is_no_whole_number_keeps_the_ends_of_the_band(rate: float, rng: np.random.Generator) -> None:
-    """Lines of segments of 1000 samples are at 0.19992 and 2.499 Hz, or at 0.20008 and 2.501 Hz: the former had no gain at 0.2 Hz, to which
-    the bandwidth refers, the latter none at 2.5 Hz."""
+    """Lines of segments of 1000 samples are at 0.19992 and 2.499 Hz, or at 0.20008 and 2.501 Hz: the former had no gain
+    at 0.2 Hz, to which the bandwidth refers, the latter none at 2.5 Hz."""
     t = even(120.0, rate)
     x = 0.3 * rng.standard_normal(t.size)
     s = made(t, steering=x, speed=22.0, yaw_rate=answered(x, rate, 0.3, 1.2, 0.6), lateral_acceleration=x)
@@ -221,7 +235,9 @@ def test_noise_lowers_the_coherence_as_it_must(rng: np.random.Generator) -> None
     t = even(400.0, 50.0)
     x = 0.3 * rng.standard_normal(t.size)
     y = x + 0.3 * rng.standard_normal(t.size)
-    r = transient.judge_frequencies(made(t, steering=x, speed=22.0, yaw_rate=y, lateral_acceleration=x), transient.FrequencyResponse())
+    r = transient.judge_frequencies(
+        made(t, steering=x, speed=22.0, yaw_rate=y, lateral_acceleration=x), transient.FrequencyResponse()
+    )
     assert 0.25 < r['yaw_rate_least_coherence'] < 0.5
     assert r['lateral_acceleration_least_coherence'] == pytest.approx(1.0)
     assert any('coherence' in note for note in r.notes)

@@ -18,6 +18,10 @@ def test_heights_are_those_of_the_solver_inside_grids_at_their_borders_and_beyon
     spec = RoadSpec(point=(1.0, 2.0, 3.0), normal=(0.1, -0.2, 1.0), grids=(rough, ramp, random), contact='point')
     table, ground = compile_road(spec), Ground(spec)
     x, y = RNG.uniform(-8.0, 12.0, (2, 400))
-    np.testing.assert_allclose(ground.at(x, y), [road_at(table, *place)[0] for place in zip(x, y, strict=True)], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        ground.at(x, y), [road_at(table, *place)[0] for place in zip(x, y, strict=True)], rtol=0.0, atol=1e-12
+    )
     x, y = np.full(2, 1e6), np.array([-1e6, 0.4])
-    np.testing.assert_allclose(ground.at(x, y), [road_at(table, *place)[0] for place in zip(x, y, strict=True)], rtol=1e-15)
+    np.testing.assert_allclose(
+        ground.at(x, y), [road_at(table, *place)[0] for place in zip(x, y, strict=True)], rtol=1e-15
+    )

@@ -82,7 +82,8 @@ def test_wheels_steer_and_turn_as_their_poses_have_it(car: Path):
         steered.append(np.arctan2(-normal @ forward, normal @ left))
         spoke = wheels[2]
         spun.append(spoke[1] - spoke[0])
-        for i, wheel in enumerate(motion.drawing.wheels):  # every rim stands on the ground, but for the deflection of the tire
+        # every rim stands on the ground, but for the deflection of the tire
+        for i, wheel in enumerate(motion.drawing.wheels):
             rims = np.concatenate(wheels[7 * i : 7 * i + 2])
             assert -0.04 < rims[:, 2].min() < 0.005
             radii = np.linalg.norm(np.diff(wheels[7 * i + 2], axis=0), axis=1)
@@ -96,7 +97,8 @@ def test_wheels_steer_and_turn_as_their_poses_have_it(car: Path):
 
 
 def test_links_and_wheels_stand_where_the_kinematics_of_the_simulation_has_them(car: Path):
-    """The same simulation again, asked for its poses: every line, spring and rim goes through points of their bodies there."""
+    """The same simulation again, asked for its poses: every line, spring and rim goes through points of their bodies
+    there."""
     motion = read_motion(car)
     simulation = simulation_of(load_scene('light_car_step_steer', ('duration=2.6', 'record.poses=10')))
     for k in (0, len(motion.time) - 3, len(motion.time) - 1):  # standing straight, while it steers, in the bend
@@ -107,15 +109,22 @@ def test_links_and_wheels_stand_where_the_kinematics_of_the_simulation_has_them(
             return shot.pose[body, :3] + turn[body].apply(point)
 
         lines = drawn(motion, k, 'body') + drawn(motion, k, 'outline')
-        fixed = [[place(line.body, line.a), place(line.body, line.b)] for line in motion.drawing.lines if line.body >= 0]
+        fixed = [
+            [place(line.body, line.a), place(line.body, line.b)] for line in motion.drawing.lines if line.body >= 0
+        ]
         key = lambda points: np.round(np.ravel(points), 6).tolist()  # noqa: E731
         np.testing.assert_allclose(sorted(map(key, lines)), sorted(map(key, fixed)), atol=2e-6)
         for spring, points in zip(motion.drawing.springs, drawn(motion, k, 'spring'), strict=True):
             ends = [place(body, at) if body >= 0 else at for body, at in ((spring.i, spring.a), (spring.j, spring.b))]
             np.testing.assert_allclose(points, ends, atol=1e-9)
         for i, wheel in enumerate(motion.drawing.wheels):
-            rim, middle, spin = drawn(motion, k, 'wheel')[7 * i], place(wheel.body, wheel.center), turn[wheel.body].apply(wheel.axis)
-            np.testing.assert_allclose((rim - middle) @ spin, -0.5 * wheel.width, atol=1e-9)  # in one plane across the axis: it steers
+            rim, middle, spin = (
+                drawn(motion, k, 'wheel')[7 * i],
+                place(wheel.body, wheel.center),
+                turn[wheel.body].apply(wheel.axis),
+            )
+            # in one plane across the axis: it steers
+            np.testing.assert_allclose((rim - middle) @ spin, -0.5 * wheel.width, atol=1e-9)
             np.testing.assert_allclose(np.linalg.norm(np.cross(rim - middle, spin), axis=1), wheel.radius, atol=1e-9)
 
 
@@ -125,7 +134,13 @@ def test_pictures_say_what_their_colours_are(car: Path, crank: Path):
     def said(*bags: Path) -> list[str]:
         painter = Painter([read_motion(bag) for bag in bags])
         painter.paint(0.1)
-        return [text.get_text() for axes in painter.figure.axes for legend in [axes.get_legend()] if legend for text in legend.get_texts()]
+        return [
+            text.get_text()
+            for axes in painter.figure.axes
+            for legend in [axes.get_legend()]
+            if legend
+            for text in legend.get_texts()
+        ]
 
     assert said(car, car) == ['links', 'springs and dampers', 'wheels', 'forces on the tires, 1 m for 6 kN', 'ghost']
     assert said(crank) == ['links']
@@ -134,7 +149,12 @@ def test_pictures_say_what_their_colours_are(car: Path, crank: Path):
 def test_what_has_no_curves_is_drawn_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """A free body has no joint whose angle could be drawn beside it."""
     bag = recorded(tmp_path / 'top', 'torque_free_top', 'duration=0.1')
-    for name, *options in (('one.png', '--width', '320'), ('film.gif', '--width', '320'), ('page.html',), ('layout.json',)):
+    for name, *options in (
+        ('one.png', '--width', '320'),
+        ('film.gif', '--width', '320'),
+        ('page.html',),
+        ('layout.json',),
+    ):
         assert main(['view', str(bag), '--out', str(tmp_path / name), *options]) == 0, capsys.readouterr().err
         assert (tmp_path / name).stat().st_size > 0
     assert json.loads((tmp_path / 'layout.json').read_text())['layout'] == '3D!motion'
@@ -149,16 +169,19 @@ def test_the_arrows_are_the_tire_forces(car: Path):
     assert 6000.0 * arrows[:, 2].sum() == pytest.approx(weight, rel=0.05)
     side = 6000.0 * arrows[:, :2].sum(axis=0)
     velocity = motion.pose[-1, motion.follows, :2] - motion.pose[-2, motion.follows, :2]
-    assert velocity[0] * side[1] - velocity[1] * side[0] > 0.0 if motion.run['imu/wz'][-1] > 0.0 else True  # towards the inside of the bend
+    # towards the inside of the bend
+    assert velocity[0] * side[1] - velocity[1] * side[0] > 0.0 if motion.run['imu/wz'][-1] > 0.0 else True
 
 
 def test_the_grid_of_metres_lies_on_the_road_where_the_tires_touch_it(tmp_path: Path):
-    """A plane that rises by 10 %, a bank of 5 %, and a hill on it, 0.5 m high and 40 m long: the picture and the page have the road there,
-    and not the level plane z = 0. Tires touch the plane that is tangent below the middle of the wheel, aside of that by radius times slope,
-    where the hill with its curvature, 0.25 m (2 pi / 40 m)^2, has left it."""
+    """A plane that rises by 10 %, a bank of 5 %, and a hill on it, 0.5 m high and 40 m long: the picture and the page
+    have the road there, and not the level plane z = 0. Tires touch the plane that is tangent below the middle of the
+    wheel, aside of that by radius times slope, where the hill with its curvature, 0.25 m (2 pi / 40 m)^2, has left
+    it."""
     height = [[0.25 - 0.25 * math.cos(math.tau * k / 40.0)] * 2 for k in range(41)]
     road = (
-        f'{{point: [0, 0, 3], normal: [-0.1, 0.05, 1], grids: [{{kind: height_grid, origin: [2, -50], step: [1, 100], height: {height}}}]}}'
+        f'{{point: [0, 0, 3], normal: [-0.1, 0.05, 1], grids: [{{kind: height_grid, origin: [2, -50], step: [1, '
+        f'100], height: {height}}}]}}'
     )
     scene = ['duration=1.0', 'start={kind: equilibrium, speed: 10}', f'road={road}', 'record.poses=10']
     motion = read_motion(recorded(tmp_path / 'hill', 'light_car_straight', *scene))
@@ -168,7 +191,9 @@ def test_the_grid_of_metres_lies_on_the_road_where_the_tires_touch_it(tmp_path: 
     np.testing.assert_allclose(motion.ground.at(x, y), z, atol=off)
     lines = motion.ground.around(-5.8, -1.4, 2)  # before the hill
     assert lines.shape == (2, 5, 5, 3)
-    assert lines[0, 0].tolist() == [[k, -3.0, pytest.approx(3.0 + 0.1 * k + 0.15)] for k in (-8.0, -7.0, -6.0, -5.0, -4.0)]
+    assert lines[0, 0].tolist() == [
+        [k, -3.0, pytest.approx(3.0 + 0.1 * k + 0.15)] for k in (-8.0, -7.0, -6.0, -5.0, -4.0)
+    ]
     write_page([motion], tmp_path / 'p.html')
     text = re.search(r'id="data">(.*?)</script>', (tmp_path / 'p.html').read_text(), re.DOTALL)
     assert text is not None
@@ -178,11 +203,13 @@ def test_the_grid_of_metres_lies_on_the_road_where_the_tires_touch_it(tmp_path: 
     begin, end = motion.pose[0, motion.follows], motion.pose[-1, motion.follows]
     wanted = {(i, j) for i in range(round(begin[0]) - 10, round(end[0]) + 11) for j in range(-10, 11)}
     assert wanted <= {(int(i), int(j)) for i, j in nodes[:, :2]}
-    np.testing.assert_allclose(nodes[:, 2] + begin[2], motion.ground.at(nodes[:, 0], nodes[:, 1]), atol=1e-5)  # single precision
+    # single precision
+    np.testing.assert_allclose(nodes[:, 2] + begin[2], motion.ground.at(nodes[:, 0], nodes[:, 1]), atol=1e-5)
 
 
 def test_a_mechanism_of_any_size_fills_the_picture(tmp_path: Path):
-    """Andrews' squeezer, 0.1 m in size: the end of its spring in the world is farthest from the origin, C at y = 0.07 m."""
+    """Andrews' squeezer, 0.1 m in size: the end of its spring in the world is farthest from the origin, C at y = 0.07
+    m."""
     motion = read_motion(recorded(tmp_path / 'squeezer', 'andrews', 'duration=0.02', 'record.poses=50'))
     points = np.concatenate([points for k in range(len(motion.time)) for _, points in strokes(motion, k)])
     assert np.abs(points).max() / size_of(motion) == pytest.approx(1.0 / 1.15)
@@ -198,12 +225,19 @@ def test_the_page_draws_what_the_pictures_do(car: Path, tmp_path: Path):
     k = len(motion.time) - 2
     probe = (
         '<script>const r = view.data.runs[0];'
-        f'document.body.dataset.drawn = JSON.stringify(view.drawn(r, view.at(r, r.time[{k}]), false).map(x => x[2]));</script></html>'
+        f'document.body.dataset.drawn = JSON.stringify(view.drawn(r, view.at(r, r.time[{k}]), false).map(x => '
+        'x[2]));</script></html>'
     )
     (tmp_path / 'probe.html').write_text(page.replace('</html>', probe))
     home = ['--user-data-dir=' + str(tmp_path / 'profile'), '--window-size=1280,760', '--virtual-time-budget=2000']
     command = [str(CHROMIUM), *QUIET, *home]
-    dom = subprocess.run([*command, '--dump-dom', f'file://{tmp_path}/probe.html'], timeout=120, check=True, capture_output=True, text=True)
+    dom = subprocess.run(
+        [*command, '--dump-dom', f'file://{tmp_path}/probe.html'],
+        timeout=120,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     for words in ('links', 'springs and dampers', 'wheels', 'forces on the tires, 1 m for 6 kN', 'ghost'):
         assert re.search(rf'<b style="color: [^"]+">━</b>{words}<', dom.stdout), words  # what the colours say
     found = re.search(r'data-drawn="([^"]*)"', dom.stdout)
@@ -219,7 +253,9 @@ def test_the_page_draws_what_the_pictures_do(car: Path, tmp_path: Path):
     for a, b in zip(theirs, order, strict=True):
         np.testing.assert_allclose(np.array(a), b - origin, atol=2e-4)  # single precision at 60 m
     picture = tmp_path / 'p.png'
-    subprocess.run([*command, f'--screenshot={picture}', f'file://{tmp_path}/p.html'], timeout=120, check=True, capture_output=True)
+    subprocess.run(
+        [*command, f'--screenshot={picture}', f'file://{tmp_path}/p.html'], timeout=120, check=True, capture_output=True
+    )
     from matplotlib.image import imread
 
     pixels = imread(picture)[..., :3]
@@ -231,7 +267,12 @@ def test_the_page_draws_what_the_pictures_do(car: Path, tmp_path: Path):
 def test_pictures_and_films_are_written(crank: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     from PIL import Image
 
-    for name, options in (('a.png', ['--at', '0.2']), ('a.gif', ['--rate', '10']), ('a.mp4', ['--rate', '10']), ('a.html', [])):
+    for name, options in (
+        ('a.png', ['--at', '0.2']),
+        ('a.gif', ['--rate', '10']),
+        ('a.mp4', ['--rate', '10']),
+        ('a.html', []),
+    ):
         assert main(['view', str(crank), str(crank), '--out', str(tmp_path / name), *options, '--json']) == 0
         assert json.loads(capsys.readouterr().out)['bytes'] == (tmp_path / name).stat().st_size > 1000
     film = Image.open(tmp_path / 'a.gif')
@@ -245,7 +286,9 @@ def test_pictures_and_films_are_written(crank: Path, tmp_path: Path, capsys: pyt
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['a.gif', 'a.mp4'])
-def test_a_film_that_is_interrupted_leaves_what_was_there(name: str, crank: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_film_that_is_interrupted_leaves_what_was_there(
+    name: str, crank: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     from mbd_sim_ros.analysis.view.picture import Painter
 
     (tmp_path / name).write_bytes(b'an older film')
@@ -262,16 +305,29 @@ def test_a_film_that_is_interrupted_leaves_what_was_there(name: str, crank: Path
 
 
 @pytest.mark.slow
-def test_a_file_for_rerun_has_all_topics_and_moving_links(crank: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_file_for_rerun_has_all_topics_and_moving_links(
+    crank: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     chunks = pytest.importorskip('rerun.chunk', reason="pip install '.[rerun]'")
     assert main(['view', str(crank), '--out', str(tmp_path / 'deep' / 'x.rrd'), '--json']) == 0
     assert json.loads(capsys.readouterr().out)['bytes'] > 10_000
-    moved = [chunk for chunk in chunks.RrdReader(tmp_path / 'deep' / 'x.rrd').stream() if str(chunk.entity_path).startswith('/tf')]
+    moved = [
+        chunk
+        for chunk in chunks.RrdReader(tmp_path / 'deep' / 'x.rrd').stream()
+        if str(chunk.entity_path).startswith('/tf')
+    ]
     assert sum(chunk.num_rows for chunk in moved) >= len(read_motion(crank).time)
 
 
 def test_the_paths_of_a_layout_for_foxglove_lead_to_the_values(car: Path, tmp_path: Path):
-    patterns = ('odom/*', 'imu/*', 'tire/front_left/force/*', 'tire_states/*', 'joint_states/steering_wheel/*', 'cmd_applied/steering')
+    patterns = (
+        'odom/*',
+        'imu/*',
+        'tire/front_left/force/*',
+        'tire_states/*',
+        'joint_states/steering_wheel/*',
+        'cmd_applied/steering',
+    )
     assert main(['view', str(car), '--out', str(tmp_path / 'x.json'), *(f'--channel={p}' for p in patterns)]) == 0
     data = json.loads((tmp_path / 'x.json').read_text())
     first = {}
@@ -293,7 +349,9 @@ def test_the_paths_of_a_layout_for_foxglove_lead_to_the_values(car: Path, tmp_pa
     assert sorted(named) == sorted(data['configById'])  # every panel has its place
 
 
-def test_a_layout_for_foxglove_names_topics_with_the_namespace_of_the_node(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_layout_for_foxglove_names_topics_with_the_namespace_of_the_node(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr('mbd_sim_ros.batch.StepRecorder', partial(StepRecorder, namespace='/fleet'))
     monkeypatch.setattr('mbd_sim_ros.batch.describe', partial(describe, namespace='/fleet'))
     bag = recorded(tmp_path / 'run', 'slider_crank', 'duration=0.1', 'record.poses=20')
@@ -309,7 +367,8 @@ def test_what_cannot_be_shown_is_one_sentence(
 ):
     bare = recorded(tmp_path / 'bare', 'four_bar', 'duration=0.01', 'record.poses=0')
     (tmp_path / 'made.gif').mkdir()
-    monkeypatch.setattr('mbd_sim_ros.analysis.view.picture.Painter.paint', None)  # all of it is told before anything is painted
+    # all of it is told before anything is painted
+    monkeypatch.setattr('mbd_sim_ros.analysis.view.picture.Painter.paint', None)
     monkeypatch.setattr(shutil, 'which', lambda _: None)
     for variable in ('DISPLAY', 'WAYLAND_DISPLAY'):
         monkeypatch.delenv(variable, raising=False)
@@ -327,9 +386,15 @@ def test_what_cannot_be_shown_is_one_sentence(
         ([crank, '--out', tmp_path / 'x.html', '--channel', 'nothing'], "no channel matches 'nothing'"),
         ([crank, '--out', tmp_path / 'x.mp4'], 'needs ffmpeg'),
         ([crank], 'nothing to show: give --out FILE'),
-        ([crank, '--rerun'], 'there is no display' if find_spec('rerun') else "Rerun is not installed: pip install 'mbd_sim_ros[rerun]'"),
+        (
+            [crank, '--rerun'],
+            'there is no display' if find_spec('rerun') else "Rerun is not installed: pip install 'mbd_sim_ros[rerun]'",
+        ),
         ([tmp_path / 'none', '--out', tmp_path / 'x.html'], 'is not there'),
-        ([crank, '--out', tmp_path / 'x.gif', '--at', '0.2'], 'x.gif: --at has no effect there; leave it out, or write one of .png'),
+        (
+            [crank, '--out', tmp_path / 'x.gif', '--at', '0.2'],
+            'x.gif: --at has no effect there; leave it out, or write one of .png',
+        ),
         ([crank, crank, '--out', tmp_path / 'x.json'], 'x.json: a further recording has no effect there'),
         ([crank, '--out', tmp_path / 'x.rrd', '--channel', 'imu/*'], 'x.rrd: --channel has no effect there'),
         ([crank, '--rerun', '--channel', 'imu/*'], '--rerun: --channel has no effect there'),

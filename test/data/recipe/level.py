@@ -1,4 +1,5 @@
-"""A toy constraint of the recipe in docs/contributing.md: a point of body j stays at a height above the point of i, along z of the world.
+"""A toy constraint of the recipe in docs/contributing.md: a point of body j stays at a height above the point of i,
+along z of the world.
 
 phi = e_z . (p_j - p_i) - height
 """
@@ -49,7 +50,9 @@ def compile_levels(specs: Sequence[LevelSpec], context: Context) -> LevelTable:
     row, entry = number_pairs(specs, context)
     pairs = compile_pairs(specs, context)
     height = np.array([s.height for s in specs], float)
-    return LevelTable(body=pairs.body, r_i=pairs.r_i, r_j=pairs.r_j, slot=pairs.slot, row=row, entry=entry, height=height)
+    return LevelTable(
+        body=pairs.body, r_i=pairs.r_i, r_j=pairs.r_j, slot=pairs.slot, row=row, entry=entry, height=height
+    )
 
 
 @kernel(borrow=True)
@@ -81,4 +84,6 @@ def add_level_hessians(table, kin, lam, Kq, Kv):
         put33(Kq, table.slot[e, 0], 3, 3, mscale(-1.0, on_i))
 
 
-LEVELS = ConstraintKind(name='levels', spec=LevelSpec, compile=compile_levels, residuals=evaluate_levels, hessians=add_level_hessians)
+LEVELS = ConstraintKind(
+    name='levels', spec=LevelSpec, compile=compile_levels, residuals=evaluate_levels, hessians=add_level_hessians
+)

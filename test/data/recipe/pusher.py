@@ -89,11 +89,15 @@ def pusher_forces(table, now, effects, out):
             D = mscale(-t, outer(n, n))
             D = (D[0] + t, D[1], D[2], D[3], D[4] + t, D[5], D[6], D[7], D[8] + t)
             s = table.slot
-            add_point_pair_tangent(kin, i, j, r_i, r_j, F, D, mscale(0.0, D), s[e, 0], s[e, 1], s[e, 2], s[e, 3], Kq, Kv)
+            add_point_pair_tangent(
+                kin, i, j, r_i, r_j, F, D, mscale(0.0, D), s[e, 0], s[e, 1], s[e, 2], s[e, 3], Kq, Kv
+            )
         out[e, 0] = 0.0
         out[e, 1] = -force * dot(n, w)
         out[e, 2] = force
         out[e, 3] = length
 
 
-PUSHERS = ForceKind(name='pushers', spec=PusherSpec, compile=compile_pushers, kernel=pusher_forces, outputs=OUTPUTS, supplies=True)
+PUSHERS = ForceKind(
+    name='pushers', spec=PusherSpec, compile=compile_pushers, kernel=pusher_forces, outputs=OUTPUTS, supplies=True
+)

@@ -1,4 +1,5 @@
-"""A toy suspension of the recipe in docs/contributing.md: a sliding pillar, along which the upright moves up and down."""
+"""A toy suspension of the recipe in docs/contributing.md: a sliding pillar, along which the upright moves up and
+down."""
 
 from __future__ import annotations
 
@@ -13,8 +14,8 @@ from solver.vehicle.wheel_end import IndependentSuspension
 
 @dataclass(frozen=True, kw_only=True)
 class SlidingPillar(Sprung, IndependentSuspension):
-    """Data of the left wheel suspension. pillar: a point of it; axis: its direction; bushing: its guide, soft along z; the others: ends of
-    spring and damper [m]."""
+    """Data of the left wheel suspension. pillar: a point of it; axis: its direction; bushing: its guide, soft along z;
+    the others: ends of spring and damper [m]."""
 
     kind: Literal['sliding_pillar'] = 'sliding_pillar'
     pillar: Point
@@ -25,5 +26,9 @@ class SlidingPillar(Sprung, IndependentSuspension):
         """The suspension of corner `name` on a side."""
         hub, upright, wheel = self.wheel_end(name, side, structure.chassis)
         base = structure.subframe
-        guide = mounting(f'pillar_{name}', base, upright, (self.pillar,), self.bushing, ideal='prismatic', side=side, axis=self.axis)
-        return Corner(joined((hub, guide, sprung(name, side, structure.chassis, upright, self))), upright, wheel, upright)
+        guide = mounting(
+            f'pillar_{name}', base, upright, (self.pillar,), self.bushing, ideal='prismatic', side=side, axis=self.axis
+        )
+        return Corner(
+            joined((hub, guide, sprung(name, side, structure.chassis, upright, self))), upright, wheel, upright
+        )

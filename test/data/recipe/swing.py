@@ -1,4 +1,5 @@
-"""A toy study of the recipe in docs/contributing.md: how the energy error of a swinging pendulum falls with the step."""
+"""A toy study of the recipe in docs/contributing.md: how the energy error of a swinging pendulum falls with the
+step."""
 
 from __future__ import annotations
 
