@@ -14,6 +14,8 @@ from solver.model.tables import Model
 RANK_TOLERANCE = 1e-8  # of rows of unit norm in the metric of the masses
 # of force elements, of which a model may have none
 COUNTS = ('bushings', 'spring_dampers', 'force_elements', 'external_forces', 'tires')
+# singular value of rows of unit norm, below which a direction is hardly held; ten times as much is a common linkage
+HARDLY = 0.05
 LEAST_GRIP = 1e-3  # smallest singular value of such rows, in the columns of one body, that are independent beyond doubt
 
 
@@ -48,6 +50,16 @@ def scaled_jacobian(model: Model, J: np.ndarray) -> np.ndarray:
     """(nc, 6 nb) Jacobian with columns in the metric of the masses and rows of unit norm, so that metres and radians
     compare."""
     return dense_jacobian(model, scaled_blocks(model, J))
+
+
+def hardly_held(model: Model, J: np.ndarray) -> str:
+    """The row of constraints that has most of what they hardly hold, next to a singular position; or nothing."""
+    A = scaled_jacobian(model, J)
+    if not model.n_rows or not np.isfinite(A).all():
+        return ''
+    U, held, _ = np.linalg.svd(A, full_matrices=False)
+    weak = (held > RANK_TOLERANCE) & (held < HARDLY)
+    return model.row_names[int(np.argmax(np.abs(U[:, np.flatnonzero(weak)[0]])))] if weak.any() else ''
 
 
 def tied_groups(model: Model, B: np.ndarray) -> list[int]:

@@ -9,7 +9,7 @@ from solver.compiled.portable import norm, norms, product
 from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
 from solver.output.account import noted
-from solver.output.dependence import RANK_TOLERANCE, scaled_jacobian
+from solver.output.dependence import hardly_held
 from solver.output.energy import contradicts
 from solver.step.iteration_fixed import MOST_ITERATIONS
 from solver.step.settings import IntegratorSettings
@@ -18,8 +18,6 @@ from solver.step.work import BAD_INPUT, INACCURATE, NON_FINITE, NOT_CONVERGED, S
 # with larger ones solutions of the condensed form of a car have errors that show (docs/formulation.md, "Rounding")
 ROUNDING_PENALTY = 1e7
 MORE_DIGITS = 'give their markers and axes with more digits, or a joint with fewer rows'
-# singular value of rows of unit norm, below which a direction is hardly held; ten times as much is a common linkage
-HARDLY = 0.05
 FLAT = 0.03  # rad that a disc leans from its plane
 LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
 
@@ -57,7 +55,7 @@ def sentence(
     if result.status == INACCURATE:
         tolerance = settings.error_tolerance
         said = f'the error stays above integrator.error_tolerance = {tolerance:g} with {smallest}'
-        row = _next_to_singular(model, work)
+        row = hardly_held(model, work.J_end)
         if row:
             return when + (
                 f'{said}: the mechanism passes next to a singular position, where constraint {row!r} hardly holds it '
@@ -89,15 +87,6 @@ def sentence(
         )
     tried = max(scheme.iterations, MOST_ITERATIONS if scheme.fixed == 1 else 0)
     return when + f'no convergence in {tried} iterations (residual {result.counters.residual:.2g}{name}); {remedy}'
-
-
-def _next_to_singular(model: Model, work: Ref) -> str:
-    """The row of constraints that has most of what they hardly hold, next to a singular position; or nothing."""
-    if not model.n_rows:
-        return ''
-    U, held, _ = np.linalg.svd(scaled_jacobian(model, work.J_end), full_matrices=False)
-    weak = (held > RANK_TOLERANCE) & (held < HARDLY)
-    return model.row_names[int(np.argmax(np.abs(U[:, np.flatnonzero(weak)[0]])))] if weak.any() else ''
 
 
 def _fallen_disc(model: Model, state: State) -> str:

@@ -46,8 +46,8 @@ def largest(x, b):
 @kernel(inline=True)
 def largest_by_length(x, b, length):
     """The largest magnitude in row b of x (n, 6), of angular numbers times a length."""
-    place = max(abs(x[b, 0]), abs(x[b, 1]), abs(x[b, 2]))
-    return max(place, length * largest_turn(x, b))
+    furthest = max(abs(x[b, 0]), abs(x[b, 1]), abs(x[b, 2]))
+    return max(furthest, length * largest_turn(x, b))
 
 
 @kernel(inline=True)

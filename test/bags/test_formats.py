@@ -82,9 +82,9 @@ def packed(**arrays: np.ndarray) -> str:
     [
         (
             packed(k=np.int64(5)),
-            r'cannot be replayed: its state at the beginning has format 1, .* reads format 2: save it anew',
+            r'cannot be replayed: its state at the beginning has format 1, .* reads format 3: save it anew',
         ),
-        (packed(k=np.int64(5), format=np.array(3)), r'has format 3, .* reads format 2: update mbd_sim_ros'),
+        (packed(k=np.int64(5), format=np.array(4)), r'has format 4, .* reads format 3: update mbd_sim_ros'),
         ('AAAA', r'cannot be replayed: restore: the saved state is damaged'),
         ('no base64', r'hold a start_state that is not base64'),
     ],

@@ -65,7 +65,7 @@ def test_a_file_holds_the_commands_and_one_of_another_version_is_refused_by_name
     # as mbd_sim_ros 0.1 wrote them
     np.savez(older, **{name: value for name, value in content.items() if name != 'format'})
     with pytest.raises(
-        SpecError, match=rf'restore: {older} has format 1, and this version of mbd_sim_ros reads format 2: save it anew'
+        SpecError, match=rf'restore: {older} has format 1, and this version of mbd_sim_ros reads format 3: save it anew'
     ):
         restore(older, scene(), Synthetic(), found)
     for wrong, says in (
