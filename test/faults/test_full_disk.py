@@ -126,7 +126,9 @@ def test_a_folder_that_cannot_be_made(
 def test_a_plan_on_a_full_disk(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr('solver.trade.certificate.plan', lambda _: {'status': 'ok', 'settings': {}})
+    monkeypatch.setattr(
+        'solver.trade.certificate.plan', lambda _: {'status': 'ok', 'settings': {}, 'price': {}, 'notes': []}
+    )
     monkeypatch.setattr('solver.levels.auto.keep', lambda *_: True)
     monkeypatch.setattr('solver.levels.auto.chosen', lambda scene, _: scene)
     monkeypatch.setattr('mbd_sim_ros.commands.plan._time', lambda *_: None)

@@ -136,7 +136,9 @@ def test_the_name_of_a_scene_is_no_path(name: str, tmp_path: Path, monkeypatch: 
 
 
 def test_a_plan_is_written_below_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('solver.trade.certificate.plan', lambda _: {'status': 'ok', 'settings': None})
+    monkeypatch.setattr(
+        'solver.trade.certificate.plan', lambda _: {'status': 'ok', 'settings': None, 'price': {}, 'notes': []}
+    )
     monkeypatch.setattr('solver.levels.auto.keep', lambda *_: True)
     monkeypatch.setattr('mbd_sim_ros.commands.plan._time', lambda *_: None)
     monkeypatch.setattr('mbd_sim_ros.commands.plan.describe', str)

@@ -19,16 +19,18 @@ from solver.analysis.verdict import findings
 from solver.checks.registry import CHECKS
 from solver.findings import Finding
 from solver.levels import auto
-from solver.levels.auto import certificate_of, chosen
+from solver.levels.auto import chosen
 from solver.scene import Scene
 from solver.simulation import Simulation
 
 COARSE = [check.name for check in CHECKS if check.plan == 'coarse']
 OF_SCENE = [check.name for check in CHECKS if check.plan == 'scene']
-H = 0.02  # s: at 20 m/s a wheel of 0.3 m turns by 1.3 rad in a step, more than 1 rad
+# s: too long for the steering wheel, which swings on its column, and for the rack too: the numerical damping of
+# rho_inf = 0 delays vibrations five times as much as that of 0.8
+H = 0.02
 PLAN: dict[str, Any] = {
     'status': 'ok', 'hash': 'abc', 'fidelity': 'full', 'envelope': [],
-    'settings': {'switches': {}, 'integrator': {'h': H, 'rho_inf': 0.8, 'mode': 'fixed', 'iterations': 2}},
+    'settings': {'switches': {}, 'integrator': {'h': H, 'rho_inf': 0.0, 'mode': 'fixed', 'iterations': 2}},
 }  # fmt: skip
 SCENE = ['duration=0.4', 'maneuver.steering.start=0.1', 'require={yaw_rate: {rms: 5 %}}']
 
@@ -64,24 +66,31 @@ def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Scene
 @pytest.mark.slow
 def test_what_the_certified_runs_had_is_noted_and_what_they_had_not_is_suspect(kept: Callable[..., Scene]) -> None:
     alone = findings(run(chosen(kept([]), PLAN)))
-    assert {'turn_per_step'} <= {one.quantity for one in alone} <= set(COARSE)
+    assert [(one.where, one.of) for one in alone] == [
+        ("body 'rack'", 'translation'),
+        ("body 'steering_wheel'", 'rotation'),
+    ]
+    assert {one.quantity for one in alone} <= set(COARSE)
     for scene in (kept(alone), solver.files.scene.load_scene_text(chosen(kept(alone), PLAN).resolved, 'scene.yaml')):
         simulation = run(scene)
         suspect, covered, _ = weighed(simulation, Envelope(simulation))
         assert suspect == []
         assert covered == alone
-    others = [one for one in alone if one.quantity != 'turn_per_step']
-    assert [one.quantity for one in weighed(run(kept(others))).suspect] == ['turn_per_step']
+    for one in alone:
+        others = [other for other in alone if other is not one]
+        assert weighed(run(kept(others)))[:2] == ([one], others)
 
 
 @pytest.mark.slow
 def test_an_older_plan_covers_nothing_of_what_is_measured_anew(kept: Callable[..., Scene]) -> None:
     from solver.trade.setting import Setting
 
-    scene = kept([finding(value=9.0)])
-    assert certificate_of(scene) is not None
-    simulation = run(Setting(h=H, iterations=2).of(dataclasses.replace(scene, fidelity='full')))
-    assert 'turn_per_step' in {one.quantity for one in weighed(simulation).suspect}
+    alone = findings(run(chosen(kept([]), PLAN)))
+    scene = kept([dataclasses.replace(one, value=2.0 * one.value) for one in alone])
+    assert weighed(run(scene))[:2] == ([], alone)
+    setting = Setting(h=H, iterations=2, rho_inf=0.0)
+    assert setting.keys()['integrator'] == PLAN['settings']['integrator']
+    assert weighed(run(setting.of(dataclasses.replace(scene, fidelity='full'))))[:2] == (alone, [])
 
 
 @pytest.mark.parametrize(
