@@ -93,7 +93,7 @@ def test_a_command_is_one_file_and_its_name(program):
     assert 'weigh' not in mbd(program, '--help').stdout
     main = program / 'mbd_sim_ros' / 'commands' / 'main.py'
     changed(main, '    view,\n)', '    view,\n    weigh,\n)')
-    changed(main, 'bench, compile)\n', 'bench, compile, weigh)\n')
+    changed(main, '    compile,\n)\nUSAGE', '    compile,\n    weigh,\n)\nUSAGE')
     assert re.search(r'^ +weigh +add up the masses of a scene$', mbd(program, '--help').stdout, re.MULTILINE)
     assert 'mbd weigh car_step_steer' in mbd(program, 'weigh', '--help').stdout
     done = mbd(program, 'weigh', 'pendulum', '--set', 'mechanism.bodies.bob.mass=2.5', '--json')
@@ -127,7 +127,7 @@ def test_an_evaluation_is_one_file_and_one_line(program):
     refused."""
     folder = program / 'mbd_sim_ros' / 'analysis' / 'evaluation'
     shutil.copy(RECIPE / 'coasting.py', folder)
-    changed(folder / 'registry.py', 'evaluation import braking, ', 'evaluation import braking, coasting, ')
+    changed(folder / 'registry.py', '    braking,\n', '    braking,\n    coasting,\n')
     changed(folder / 'registry.py', '    ride.RIDE,\n', '    ride.RIDE,\n    coasting.COASTING,\n')
     for name, slope, seconds in (('slow', 0.25, 40), ('fast', 0.8, 40), ('short', 0.25, 10)):
         rows = ''.join(f'{0.1 * k:.1f},{22.0 - slope * 0.1 * k!r}\n' for k in range(10 * seconds))
