@@ -79,7 +79,9 @@ def iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work):
     increment, residual, part = 0.0, 0.0, 1.0
     refactor: np.bool_ | bool = YES
     share, smallest = CONTRACTION * CONTRACTION, CONTRACTION * c.tolerance * speed / (c.gamma * c.h)
-    best = np.inf
+    # Next to a singular position the first iterate that is closed by the end is held until another gains a digit on it:
+    # the least increment of those that follow may be that of one thrown along the direction that is hardly seen.
+    best, held = np.inf, False
     begin_iterations(work)
     for it in range(c.iterations):
         iterations += 1
@@ -106,20 +108,18 @@ def iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work):
         if where >= 0:
             status = NON_FINITE
             break
-        grows = refactor and part == 1.0 and before > 0.0 and increment > max(STAGNATION * before, NEGLIGIBLE)
-        if grows and is_closed_by_the_end(tables, J_end, before, work):
-            residual = before  # the next iterates would be settled in all directions but the one that is hardly seen
-            status = OK
-            stagnated = 1
-            break
+        gains = part < 1.0 or before == 0.0 or increment <= max(CONTRACTION_TO_REUSE * before, NEGLIGIBLE)
+        if refactor and not (held or gains) and is_closed_by_the_end(tables, J_end, before, work):
+            best, held = before, True
+            keep_best(s1, work)
         add_increment(part, s1, work)
         rate = increment / before if before > 0.0 else 1.0
         residual = increment
         if min(increment, remaining(increment, rate)) <= c.tolerance and augmentation.withheld[0] == 0:
             status = OK
             break
-        if increment < best:
-            best = increment
+        if increment < (CONTRACTION_TO_REUSE * best if held else best):
+            best, held = increment, False
             keep_best(s1, work)
         if it > 1 and before > 0.0 and rate > STAGNATION and part == 1.0 and best < LARGEST_STAGNATION:
             break

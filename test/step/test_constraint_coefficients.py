@@ -254,9 +254,10 @@ def test_coupled_masses_pass_singular_positions_with_any_penalty(penalty):
 
     Every neighbour of the start keeps its branch and its energy (1e-3 J, the damped setting at 1 ms), and of most of
     them no step of 3000 stagnates: at a penalty of 1e5 rounding alone stops the iteration above the tolerance now and
-    then. Isolated masses with plain augmentations fail at 10.
+    then. The tolerance is 1e-8 of turns in rad, whose residuals count times the length of this model, 1.22 m. Isolated
+    masses with plain augmentations fail at 10.
     """
-    settings = ('mode=tolerance', 'h=0.001', f'penalty={penalty}', 'effective_mass=coupled')
+    settings = ('mode=tolerance', 'tolerance=1.22e-8', 'h=0.001', f'penalty={penalty}', 'effective_mass=coupled')
     stagnated = []
     for scene in neighbours(load_scene('slider_crank', [f'integrator.{s}' for s in settings])):
         sim = Simulation(scene)
