@@ -89,8 +89,8 @@ def summary(name: str) -> str:
     seconds."""
     spec = importlib.util.find_spec(STUDIES[name])
     text = Path(spec.origin).read_text(encoding='utf-8') if spec is not None and spec.origin else ''
-    line = re.search(r'^SUMMARY = (.+)$', text, re.MULTILINE)
-    return ast.literal_eval(line[1]) if line is not None else module(name).SUMMARY
+    text_of_it = re.search(r'^SUMMARY = (\(\n(?:.*\n)*?\)|.+)$', text, re.MULTILINE)
+    return ast.literal_eval(text_of_it[1]) if text_of_it is not None else module(name).SUMMARY
 
 
 def of_scene(name: str) -> bool:
