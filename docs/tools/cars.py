@@ -57,12 +57,9 @@ def page(out: Path) -> str:
         picture(name, DOCS / 'pictures' / f'cars_{name}.png')
         parts.append(
             f'\n## {name}\n\n{TEXTS[name]} {counts["bodies"]} bodies, {counts["joints"]} joints, {counts["bushings"]} '
-            'bushings, '
-            f'{counts["dof"]} degrees of freedom.\n\n![{name} in a step steer](pictures/cars_{name}.png)\n\n'
-            f'![Kinematics and compliance of {name}](pictures/cars_{name}_curves.png)\n\n'
-            f'| figure | value | usual of a {scene.model.category or "saloon"} |\n|---|---|---|\n'
-            + '\n'.join(rows)
-            + '\n'
+            f'bushings, {counts["dof"]} degrees of freedom.\n\n![{name} in a step steer](pictures/cars_{name}.png)\n\n'
+            f'![Kinematics and compliance of {name}](pictures/cars_{name}_curves.png)\n\n| figure | value | usual of '
+            f'a {scene.model.category or "saloon"} |\n|---|---|---|\n' + '\n'.join(rows) + '\n'
         )
     return ''.join(parts)
 

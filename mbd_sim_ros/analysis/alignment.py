@@ -230,8 +230,7 @@ def find_offset(a: Signal, b: Signal) -> Offset:
     if not height >= LEAST_CORRELATION:
         raise BagError(
             f'no time offset brings the signals together: the best, {moved * 1e-9:.4g} s, gives a correlation of '
-            f'{sign * height:.2f};'
-            ' choose a channel that moves more, or give --offset'
+            f'{sign * height:.2f}; choose a channel that moves more, or give --offset'
         )
     again = _again(sign * correlation, best)
     opposed = (begin + (other[1] - middle) * dt) * 1e-9 if other[2] >= AGAIN * height else None

@@ -210,8 +210,7 @@ def _has_comma(file: Path, rows: Sequence[Sequence[str]], lines: Sequence[int], 
     if commas and points:
         raise BagError(
             f'{file}: numbers have points (line {points[0][0]}: {points[0][1]!r}) and commas (line {commas[0][0]}: '
-            f'{commas[0][1]!r}); '
-            'write all of them with points'
+            f'{commas[0][1]!r}); write all of them with points'
         )
     if mark == ',' and commas and all(re.fullmatch(r'[-+]?\d{1,3},\d{3}', cell) for _, cell in commas):
         raise BagError(

@@ -141,9 +141,8 @@ def compare(
             moved = tuple(same_turn(other, first) for other in others)
             if not unit_of(item.name) and (wrapped or _turned(signals, others, moved)):
                 assumed[item.name] = (
-                    f'{item.name} has no unit and is taken as an angle in rad, of which full turns mean nothing; where '
-                    'it is in another '
-                    'unit, the header of a table or a mapping file must say so'
+                    f'{item.name} has no unit and is taken as an angle in rad, of which full turns mean nothing; '
+                    f'where it is in another unit, the header of a table or a mapping file must say so'
                 )
             result = result._replace(values=(first, *moved))
         return result

@@ -20,10 +20,8 @@ COLUMNS = (
 )  # fmt: skip
 LEGEND = (
     'The worst relative to its tolerance comes first. Scale: largest value of the reference. Rating and its parts '
-    'after ISO/TS 18571, 1 is'
-    ' best. Shift: how much later the run comes, by the largest correlation. In band: part of the time at which the '
-    'run is inside the 95 %'
-    ' confidence band of the mean of the repeats.'
+    'after ISO/TS 18571, 1 is best. Shift: how much later the run comes, by the largest correlation. In band: part of '
+    'the time at which the run is inside the 95 % confidence band of the mean of the repeats.'
 )
 
 

@@ -187,8 +187,7 @@ def _converted(name: str, values: np.ndarray, source: ChannelSource, told: str, 
     if told not in UNITS and told and wanted and told != wanted:
         raise BagError(
             f'mapping of {name}: it is in {wanted}, and {told!r} is no unit that is known '
-            f'here{suggestion(told, UNITS)}; correct the '
-            'header of the table, or give `unit` in a mapping file'
+            f'here{suggestion(told, UNITS)}; correct the header of the table, or give `unit` in a mapping file'
         )
     base, factor = UNITS.get(told, ('', 1.0))
     if base and wanted and base != wanted:

@@ -47,8 +47,7 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
         if data['largest_error']:
             error, free = 100.0 * data['largest_error'], 100.0 * (1.0 - data['margin'])
             text += (
-                f' The errors themselves use up to {error:.0f} % of a limit; {free:.0f} % leave a margin for '
-                'other '
+                f' The errors themselves use up to {error:.0f} % of a limit; {free:.0f} % leave a margin for other '
                 'maneuvers.'
             )
         parts.append(f'<p>{text}</p>')
@@ -57,17 +56,15 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
     if search.tried:
         parts += ['<h2>What was tried</h2>', picture(_tried(search, chosen))]
         parts.append(
-            '<p>Share of the limit that the largest bound uses, and expected cost. Dots keep everything; crosses below '
-            'the line have errors'
-            ' that leave no margin.</p>'
+            '<p>Share of the limit that the largest bound uses, and expected cost. Dots keep everything; crosses '
+            'below the line have errors that leave no margin.</p>'
         )
     parts += ['<h2>Levels of detail</h2>', rows([('level', ''), *data['levels'].items()])]
     if any(i.errors for i in search.influences):
         parts += ['<h2>Which subsystem matters for which output</h2>', picture(_influences(search))]
         parts.append(
-            '<p>RMS change of each output, in % of its peak, when the subsystem alone is left out of the chosen level; '
-            'beside it what a'
-            ' step then costs. Subsystems that save nothing are not shown.</p>'
+            '<p>RMS change of each output, in % of its peak, when the subsystem alone is left out of the chosen '
+            'level; beside it what a step then costs. Subsystems that save nothing are not shown.</p>'
         )
     if data['checks']:
         parts += ['<h2>Maneuvers that had no part in the choice</h2>', picture(_checks(data))]

@@ -146,8 +146,7 @@ def _time(
     if not candidates:
         raise BagError(
             f"{file}: no column is named as one of time ({', '.join(names[:NAMED])} ...); call it 'time [s]', or say "
-            'which one it is in a '
-            f'mapping file: time: {{column: {names[0]!r}, unit: s}}'
+            f'which one it is in a mapping file: time: {{column: {names[0]!r}, unit: s}}'
         )
     tried: dict[int, tuple[bool, Stamps]] = {}
     refused: list[BagError] = []
@@ -203,10 +202,9 @@ def _rising(time_ns: np.ndarray, lines: Sequence[int], file: Path, name: str, ta
         return kept
     if kept.size < LEAST_SHARE * time_ns.size:
         raise BagError(
-            f'{file}: the times in {name!r} stand still or go back in {lost.size} of {time_ns.size} rows (the first in '
-            'line '
-            f'{lines[int(lost[0])]}); say in a mapping file which column tells the time: time: {{column: NAME, unit: '
-            f's}}'
+            f'{file}: the times in {name!r} stand still or go back in {lost.size} of {time_ns.size} rows (the first '
+            f'in line {lines[int(lost[0])]}); say in a mapping file which column tells the time: time: '
+            f'{{column: NAME, unit: s}}'
         )
     same = np.isin(time_ns[lost], time_ns[kept])
     parts = [

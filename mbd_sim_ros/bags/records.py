@@ -276,8 +276,7 @@ class Reading:
             version = about.get('code_version', '').partition('+')[0][:40] or 'a later version'
             raise BagError(
                 f'{self.path} has format {int(text)}, and this version of mbd_sim_ros reads formats up to {FORMAT}: '
-                'update mbd_sim_ros '
-                f'(the recording was made by {version})'
+                f'update mbd_sim_ros (the recording was made by {version})'
             )
 
     def _chunk(self, body: bytes) -> bytes:

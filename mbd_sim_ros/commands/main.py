@@ -55,9 +55,7 @@ from mbd_sim_ros.commands import (
     sweep,
     view,
 )
-from mbd_sim_ros.commands import (
-    list as listing,
-)
+from mbd_sim_ros.commands import list as listing
 from mbd_sim_ros.commands.colour import is_wanted, painted
 from solver.disk import plain
 from solver.errors import MbdError, missing, refused, suggestion

@@ -161,9 +161,8 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path, told: _Told, beg
             data['notes'].append('the certified plan of this scene that is kept stays: fidelity: auto takes that')
         elif not keep(scene, data):
             data['notes'].append(
-                f'the plan cannot be kept in {location()}, so fidelity: auto does not find it; simulate the scene.yaml '
-                'that is written, or '
-                'plan anew with MBD_CACHE_DIR set to a place that can be written'
+                f'the plan cannot be kept in {location()}, so fidelity: auto does not find it; simulate the '
+                f'scene.yaml that is written, or plan anew with MBD_CACHE_DIR set to a place that can be written'
             )
         try:
             if data['settings'] is not None and scene.resolved:
@@ -192,14 +191,12 @@ def _time(scene: Scene, data: dict[str, Any]) -> None:
         steps = data['cost']['real_time_factor']
         data['give'].append(
             f'mbd run shows {run_["recorded"]:.3g} times real time, {run_["unrecorded"]:.3g} with --no-record (steps '
-            f'alone: {steps:.3g}); '
-            f'require.real_time_factor_min asks for {least:g}'
+            f'alone: {steps:.3g}); require.real_time_factor_min asks for {least:g}'
         )
     elif least is not None and run_['recorded'] < least:
         data['notes'].append(
             f'require.real_time_factor_min = {least:g} is kept with --no-record ({run_["unrecorded"]:.3g} times real '
-            'time), not with the '
-            f'recording ({run_["recorded"]:.3g})'
+            f'time), not with the recording ({run_["recorded"]:.3g})'
         )
 
 

@@ -2,6 +2,8 @@
 
 Unchanged, every message must come out the same. With other settings or another vehicle the channels of both runs are
 compared.
+
+The file is long by its sentences: everything that may differ between a recording and its repetition is told apart.
 """
 
 from __future__ import annotations
@@ -164,8 +166,7 @@ def _of_topics(args: argparse.Namespace, before: Content, applied: Inputs) -> Re
     if applied.last and scene.integrator.h_ns != applied.h_ns:
         raise SpecError(
             f'{args.bag} was recorded with a step of {applied.h_ns * 1e-9:g} s, and that of {name} is '
-            f'{scene.integrator.h_ns * 1e-9:g} s: '
-            'it is another scene, or had overrides'
+            f'{scene.integrator.h_ns * 1e-9:g} s: it is another scene, or had overrides'
         )
     compiling.tell(not args.json, scene.model)
     simulation = simulation_of(scene)

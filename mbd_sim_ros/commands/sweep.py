@@ -90,8 +90,7 @@ def _swept(args: argparse.Namespace, sweep: Sweep, run_cases: Callable[[Sequence
     if 'real_time_factor_min' in first.require.limits:
         raise SceneError(
             f'{args.file}: require.real_time_factor_min: rows do not depend on the machine, so it is not judged in a '
-            'sweep; '
-            'add require.real_time_factor_min=null to set, and judge it with mbd run'
+            'sweep; add require.real_time_factor_min=null to set, and judge it with mbd run'
         )
     units = units_of(sweep, published(first.model), keys)
     with alone(args.out):

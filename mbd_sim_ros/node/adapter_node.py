@@ -162,8 +162,7 @@ class Adapter(Node):
         if steered == 'torque':
             raise SpecError(
                 f'scene {scene.name!r} is steered by a torque (actuation.steering = torque), and an adapter commands '
-                'angles; '
-                'take actuation.steering: angle or road_wheel'
+                'angles; take actuation.steering: angle or road_wheel'
             )
         car = Car.of(scene, ratio=self.value('steering_ratio') or None)
         box = Gearbox.of(scene)

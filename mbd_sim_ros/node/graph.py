@@ -264,9 +264,8 @@ def _quality(profile: QoSProfile) -> str:
     """Quality of service that this node offers, or asks for, in the words of ROS."""
     reliable = 'best effort' if profile.reliability == ReliabilityPolicy.BEST_EFFORT else 'reliable'
     return (
-        f'{reliable}, '
-        f'{"transient local" if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL else "volatile"}, without '
-        'deadline'
+        f'{reliable}, {"transient local" if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL else "volatile"}, '
+        f'without deadline'
     )
 
 

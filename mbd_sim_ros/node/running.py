@@ -43,8 +43,7 @@ if TYPE_CHECKING:
 MIXED = 'who listens hears both, mixed; give one of the two a namespace (-r __ns:=/car2)'
 JUMPS = (
     'time jumps back and forth for everybody with use_sim_time; set publish_clock to false in all simulators but one, '
-    'or give each a '
-    'ROS_DOMAIN_ID of its own'
+    'or give each a ROS_DOMAIN_ID of its own'
 )
 
 
@@ -185,8 +184,7 @@ class Running:
         if self.driving.deaf:
             self.node.get_logger().warning(
                 "mode lockstep waits for commands, and the parameter commands = 'maneuver' has the node listen to "
-                'none: only ~/step makes '
-                'steps; use commands:=topics and the node maneuver, or another mode'
+                'none: only ~/step makes steps; use commands:=topics and the node maneuver, or another mode'
             )
         held = pace.lockstep_every * self.simulation.h_ns * 1e-9
         if pace.lockstep_every > 1 and 0.0 < pace.command_timeout < held:

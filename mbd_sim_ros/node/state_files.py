@@ -154,8 +154,7 @@ def jump(simulation: Simulation, rate: float) -> str:
         return ''
     return (
         f'the steering wheel stands at {stands:.3g} rad, and the maneuver has it at {wanted:.3g} rad behind t = {t:g} '
-        's, where it jumps; '
-        'restore a state of that maneuver, or drive by topics'
+        's, where it jumps; restore a state of that maneuver, or drive by topics'
     )
 
 

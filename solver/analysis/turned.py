@@ -57,9 +57,8 @@ def turned(spec: ModelSpec) -> dict[str, str]:
             if lever > NOTHING * (1.0 + float(norm(arm))):
                 what = 'no inertia' if not any(body.inertia) else 'no inertia about that axis'
                 found[body.name] = (
-                    f'{name} pulls at body {body.name!r} {float(norm(arm)):.3g} m off its centre of mass and turns it, '
-                    'and the body has '
-                    f'{what}: give it an inertia, or attach {name} at its centre of mass'
+                    f'{name} pulls at body {body.name!r} {float(norm(arm)):.3g} m off its centre of mass and turns '
+                    f'it, and the body has {what}: give it an inertia, or attach {name} at its centre of mass'
                 )
                 break
     return found

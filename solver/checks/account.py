@@ -28,8 +28,7 @@ NOT_FINITE = Check(
     name='not_finite',
     limit=0.0,
     rule='energies in the account that are too large for numbers: it compares with nothing then; a run of which a '
-    'number that is shown is '
-    'not finite ends with `error`',
+    'number that is shown is not finite ends with `error`',
     measure=not_finite,
     reason='the energy account overflows',
     remedy='Energies exceed the range of numbers: look for a value of a wrong order of magnitude',
@@ -56,10 +55,8 @@ ENERGY_ERROR_MAX = Check(
     name='energy_error_max',
     unit='J',
     rule=f'{100.0 * SHARE:g} % of the energy exchanged: ranges of kinetic and of potential energy, and everything '
-    'dissipated and '
-    'supplied (a period in '
-    'twenty steps misses (omega h)^2/12 = 0.8 %); besides (turn in a step)^2/12 of the kinetic energy of turning '
-    'bodies',
+    'dissipated and supplied (a period in twenty steps misses (omega h)^2/12 = 0.8 %); besides (turn in a step)^2/12 '
+    'of the kinetic energy of turning bodies',
     measure=energy_error_max,
     reason='the energy account misses some of the energy that was exchanged',
     remedy='The step is too long for what is stiff or fast: reduce integrator.h, or find what is too stiff or too fast',
@@ -88,8 +85,7 @@ CONTRADICTION = Check(
     name='contradiction',
     unit='J',
     rule=f'{WRITTEN:g} of what was exchanged, and what numbers leave open: largest energy, of all steps, of redundant '
-    'multipliers that balance '
-    'each other in rows that stay open',
+    'multipliers that balance each other in rows that stay open',
     measure=contradiction,
     reason='redundant joints contradict each other, most at {where}',
     remedy=f'They hold each other with forces that move nothing: {MORE_DIGITS}',

@@ -32,8 +32,7 @@ CHATTER = Check(
     unit='of the load',
     limit=LARGEST_SHAKE,
     rule='mean change of a horizontal force of a tire that turns back every few steps (fewer than six a period), '
-    'beyond what its '
-    'load does: roads show in the load, brakes and steering take more steps',
+    'beyond what its load does: roads show in the load, brakes and steering take more steps',
     measure=chatter,
     reason='the forces of {where} chatter from step to step',
     remedy='Take more integrator.iterations, or reduce integrator.h',

@@ -27,9 +27,8 @@ NUMERICAL_ERROR = Check(
     unit='%',
     limit=100.0 * LARGEST,
     rule='largest error of a quantity over time, by a twin of the run with another step, of its peak; of wheel loads '
-    'and tire forces '
-    f'{100.0 * FORCE:g} %; of positions and orientations of a mechanism beside the largest way and turn of its bodies; '
-    'where a scene requires accuracy its limits take the place',
+    f'and tire forces {100.0 * FORCE:g} %; of positions and orientations of a mechanism beside the largest way and '
+    f'turn of its bodies; where a scene requires accuracy its limits take the place',
     measure=None,
     reason='the numerical error of {of} is too large',
     remedy='Reduce integrator.h',

@@ -25,8 +25,7 @@ INPUT = Check(
     name='input',
     limit=LARGEST,
     rule='how far a signal of the maneuver departs from straight lines between the steps that sample it, of its '
-    'range, in half '
-    'of ten steps in a row: fewer than about eight steps a period',
+    'range, in half of ten steps in a row: fewer than about eight steps a period',
     measure=unresolved,
     reason='signal {where!r} of the maneuver swings between the steps that sample it',
     remedy='Reduce integrator.h',

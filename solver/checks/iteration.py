@@ -68,8 +68,7 @@ RESIDUAL_MAX = Check(
     name='residual_max',
     limit=LARGEST_STAGNATION,
     rule='last increment of an iteration, relative to the largest velocity: angular ones by the length of the model, '
-    'and at least its '
-    'slow speed (1 m/s of a passenger car)',
+    'and at least its slow speed (1 m/s of a passenger car)',
     measure=residual_max,
     reason='the iteration of a step did not settle, least in {where}',
     remedy='Reduce integrator.h, or take more integrator.iterations',

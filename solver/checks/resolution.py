@@ -83,10 +83,8 @@ def resolution(e: Evidence) -> Iterator[Measured]:
 RESOLUTION = Check(
     name='resolution',
     rule=f'{(2.0 * math.pi / FEWEST) ** 2:.2g} / c, with c as of `phase`: change of an acceleration in a step, times '
-    'the '
-    'step, relative to half the widest range of a velocity, at least what gravity adds to one in a step: fewer than '
-    'ten '
-    'steps a period, 23 with `rho_inf: 0`; 0.79 with `order: 4`, five steps',
+    'the step, relative to half the widest range of a velocity, at least what gravity adds to one in a step: fewer '
+    'than ten steps a period, 23 with `rho_inf: 0`; 0.79 with `order: 4`, five steps',
     measure=resolution,
     reason=f'fewer than {FEWEST} steps per oscillation of {{where}} in {{of}}',
     remedy='Reduce integrator.h',
@@ -145,8 +143,7 @@ TURN_PER_STEP = Check(
     name='turn_per_step',
     unit='rad',
     rule=f'turn of a body in a step that leaves the axes that turn wrong by {LARGEST_PHASE:g} rad in the run, (1/2 + A '
-    '/ C) '
-    '(turn)^2 / 12 of what a free axis turns; none about axes that stay or that bearings hold',
+    '/ C) (turn)^2 / 12 of what a free axis turns; none about axes that stay or that bearings hold',
     measure=turn_per_step,
     reason='{where} turns too far in a step about an axis that turns itself',
     remedy='Reduce integrator.h',

@@ -47,8 +47,7 @@ PENALTY = Check(
     name='penalty',
     limit=ROUNDING_PENALTY,
     rule=f'in the form `condensed`, where an iteration left more than {SPOILT:g} of the velocity: larger ones multiply '
-    'the rounding of the '
-    'matrix',
+    'the rounding of the matrix',
     measure=penalty,
     reason='iterations do not settle because the penalty of {where} multiplies the rounding of the condensed matrix',
     remedy='Reduce integrator.penalty, or take integrator.form: block',
@@ -80,8 +79,7 @@ LIGHT_BODY = Check(
     name='light_body',
     limit=HIDDEN,
     rule='rounding that penalties in the form `condensed` add to the acceleration of a body, lighter than 4e-10 '
-    'of the '
-    'others with the default',
+    'of the others with the default',
     measure=light_body,
     reason='rounding of the condensed matrix hides the inertia of {where}, which is light beside the others',
     remedy='Give it more mass, or none where constraints determine its motion',
@@ -106,8 +104,7 @@ DISTANCE = Check(
     name='distance',
     limit=LARGEST_ROUNDING,
     rule='what rounding of places far from the origin makes of half the widest range of a velocity (at least the slow '
-    'speed of the '
-    'model), in all steps together',
+    'speed of the model), in all steps together',
     measure=distance,
     reason='{where} is so far from the origin that rounding of its place shows in its velocity',
     remedy='Move the model nearer to the origin, or take a larger integrator.h',

@@ -46,8 +46,7 @@ STEERING_END = Check(
     name='steering_end',
     unit='rad',
     rule='`steering.lock` of the vehicle, or where its tie rods come within 20 degrees of their dead centre: a '
-    'maneuver that asks for more '
-    f'is held there; of a motion, {PRESSED:g} times that',
+    f'maneuver that asks for more is held there; of a motion, {PRESSED:g} times that',
     measure=steering_end,
     reason='the steering wheel is turned beyond its end stops, where no steering goes',
     remedy=BEFORE,
@@ -105,8 +104,7 @@ TIRE_DEFLECTION = Check(
     name='tire_deflection',
     unit='m',
     rule='radius of a tire less that of its rim (its whole radius where the file has no RIM_RADIUS), in every step: '
-    'beyond that spring and '
-    'rim go on along straight lines that mean nothing',
+    'beyond that spring and rim go on along straight lines that mean nothing',
     measure=tire_deflection,
     reason='tire {where!r} is pressed in beyond its rim',
     remedy='The load of a tire means nothing there: load the tire less, or take one for such loads',
@@ -116,8 +114,7 @@ TIRE_LOAD = Check(
     name='tire_load',
     unit='N',
     rule="FZMAX of the tire's file, of the mean load of a second: friction and stiffness are held there; an edge or a "
-    'landing may load it '
-    'more for an instant',
+    'landing may load it more for an instant',
     measure=None,
     reason='tire {where!r} carries more than its data cover, in the mean of a second',
     remedy='Its friction and stiffness are held at FZMAX: load the vehicle less, or take a tire for such loads',
@@ -128,8 +125,7 @@ ROLLOVER = Check(
     unit='rad',
     limit=LEANING,
     rule='how far the chassis of a vehicle leans from the normal of the road, in the instants '
-    'that are looked at; '
-    'nothing but tires touches the road',
+    'that are looked at; nothing but tires touches the road',
     measure=None,
     reason='the vehicle rolls over: {where!r} leans to its side',
     remedy='Only tires touch the road in this model, and the body falls through it: results are valid only before that '

@@ -90,8 +90,7 @@ def require_converter(
         efficiency = at * piecewise_cubic(np.array(law.x), np.array(law.y), np.array(law.slope), at)[0]
         m = int(np.argmax(efficiency))
         passes = (
-            f'with the point before it gives an efficiency of {efficiency[m]:.3f} at the speed ratio '
-            f'{at[m]:.3g}: '
+            f'with the point before it gives an efficiency of {efficiency[m]:.3f} at the speed ratio {at[m]:.3g}: '
             'give more points'
         )
         require(bool(efficiency[m] <= 1.0 + ROUNDING), where, f'torque_ratios[{k}]', torque_ratios[k], passes)

@@ -101,6 +101,11 @@ DEFAULT_GAMMA_MAX = np.deg2rad(15.0)  # camber range when the file gives none
 # speeds over ground up to which the moment against turning on the spot acts fully, and at all [m/s]
 PARKING_FULL, PARKING_ENDS = 2.5, 5.0
 PARKING_LOAD = 3.0  # over FNOMIN: up to this load data must resist turning on the spot
+# coefficients and scalars that say what inflation pressure does, beside NOMPRES
+OF_PRESSURE = (
+    *('INFLPRES', 'PFZ1', 'PPX1', 'PPX2', 'PPX3', 'PPX4', 'PPY1', 'PPY2', 'PPY3', 'PPY4', 'PPY5', 'PPZ1', 'PPZ2'),
+    *('PPMX1', 'QSY8'),
+)
 DEFAULT_WIDTH = 0.65  # width over radius when the file gives none: that of passenger car tires
 
 

@@ -142,8 +142,7 @@ class Stepping:
         if self.adaptation is None and adapted:
             raise SpecError(
                 'restore: the state was saved while step or penalties were not those of the setting; set '
-                'integrator.step_policy and '
-                'penalty_policy as they were'
+                'integrator.step_policy and penalty_policy as they were'
             )
         bodies = self.shown.fit(saved)
 

@@ -4,6 +4,8 @@ Format: [ASAM2020], chapter 3. The meaning of the numbers for the surface: crg_s
 decide nothing (3.4.3). A file that is referred to is looked up beside the one that names it, then in the current
 directory. Sections of options and modifiers are taken whole: those of the outermost file that has one, as in ASAM's
 library.
+
+The file is long because it refuses every damage of a file by place and remedy, next to what reads the part.
 """
 
 from __future__ import annotations

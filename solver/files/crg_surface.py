@@ -100,8 +100,7 @@ def fields_of(crg: Crg, table: np.ndarray) -> dict[str, Any]:
         u, v = arrays['frame'][0] + row * s.du, arrays['v'][0] + column * arrays['frame'][3]
         crg.notes.append(
             'between its heights the road is smooth, where the library of ASAM is bilinear: they differ by up to '
-            f'{apart:.2g} m, '
-            f'at u = {u:.6g} m, v = {v:.4g} m'
+            f'{apart:.2g} m, at u = {u:.6g} m, v = {v:.4g} m'
         )
     return {'kind': 'curved_grid', 'sha256': digest, 'file': str(crg.path), 'notes': tuple(crg.notes)}
 

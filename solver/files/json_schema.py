@@ -8,6 +8,8 @@ that must ascend. `mbd info FILE` judges. The schema takes everything that the l
 
 A mapping with the key `<<` has what the file named there has, changed by the keys beside it, so nothing is required in
 it: every definition exists once more under its name with `.changes` behind.
+
+The file is long because every kind of hint that the loader reads has its schema here, and nowhere else.
 """
 
 from __future__ import annotations

@@ -102,8 +102,7 @@ class MechanismReader:
             if not any(isinstance(fields[m][1], ScalarNode) for m in markers if m in fields):
                 raise SceneError(
                     f'{where(fields["at"][0])}: {join(path, "at")}: has no effect, since every marker has a place of '
-                    'its own; '
-                    'give one marker as the bare name of its body, to place it here, or remove this key'
+                    'its own; give one marker as the bare name of its body, to place it here, or remove this key'
                 )
             placement = self.placement(builder, fields, path)
         given: dict[str, object] = {

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from solver.elements.tire_data import DEFAULTS, TireData, absent
+from solver.elements.tire_data import DEFAULTS, OF_PRESSURE, TireData, absent
 from solver.errors import SceneError, SpecError
 from solver.files.tire_completion import complete, directions
 from solver.units import STANDARD_GRAVITY
@@ -71,26 +71,7 @@ SIDES: dict[str, Literal['left', 'right', 'symmetric']] = {
 MOTORCYCLE = 'PCY2'  # a coefficient that only MF-MCTyre has, whose FITTYP 51 and 52 are those of other files of the 5.2
 MOST_PASSED = 200  # lines without data; a file with wrapped comments has some, ten times as many are another file
 LARGEST_FILE = 4_000_000  # [bytes]; a tire file has some 20 000
-PRESSURE = (
-    *(
-        'NOMPRES',
-        'INFLPRES',
-        'PFZ1',
-        'PPX1',
-        'PPX2',
-        'PPX3',
-        'PPX4',
-        'PPY1',
-        'PPY2',
-        'PPY3',
-        'PPY4',
-        'PPY5',
-        'PPZ1',
-        'PPZ2',
-        'PPMX1',
-    ),
-    'QSY8',
-)
+PRESSURE = ('NOMPRES', *OF_PRESSURE)
 # coefficients of 6.1 that the equations of 5.2 do not have; PAC2002 has those of pressure, overturning and rolling of
 # 6.1
 OF_PAC2002 = (

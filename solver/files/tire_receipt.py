@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from solver.elements.tire_data import DEFAULT_WIDTH, DEFAULTS, PARKING_ENDS, TireData
+from solver.elements.tire_data import DEFAULT_WIDTH, DEFAULTS, OF_PRESSURE, PARKING_ENDS, TireData
 from solver.elements.tire_limits import oddities
 
 if TYPE_CHECKING:
@@ -30,23 +30,6 @@ class Entry:
 
 TURN_SLIP = ('LMP', 'PDXP', 'PKYP', 'PDYP', 'PHYP', 'PECP', 'QDTP', 'QCRP', 'QBRP', 'QDRP')
 OF_PARKING = ('LMP', 'PECP', 'QCRP1', 'QDRP')  # those of the moment against turning on the spot
-PRESSURE = (
-    'PPX1',
-    'PPX2',
-    'PPX3',
-    'PPX4',
-    'PPY1',
-    'PPY2',
-    'PPY3',
-    'PPY4',
-    'PPY5',
-    'PPZ1',
-    'PPZ2',
-    'PPMX1',
-    'PFZ1',
-    'QSY8',
-    'INFLPRES',
-)
 OF_61 = ('LKYC', 'LKZC', 'PKY6', 'PKY7', 'PPY5')
 OF_52 = ('LGAX', 'LGAY', 'LGAZ', 'PHY3')
 CARCASS = ('LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS', 'PCFX1', 'PCFX2', 'PCFX3', 'PCFY1', 'PCFY2', 'PCFY3')
@@ -247,7 +230,7 @@ def _unread(data: TireData, key: str, turn_slip: bool | None) -> str:
         return 'the relaxation length follows from LONGITUDINAL_STIFFNESS'
     if key in ('PTY1', 'PTY2', 'LSGAL') and data.version == 61 and data['LATERAL_STIFFNESS'] > 0.0:
         return 'the relaxation length follows from LATERAL_STIFFNESS'
-    if key in (*PRESSURE, 'PCFX3', 'PCFY3') and not data['NOMPRES'] > 0.0:
+    if key in (*OF_PRESSURE, 'PCFX3', 'PCFY3') and not data['NOMPRES'] > 0.0:
         return 'no NOMPRES: pressure has no effect'
     if key in ('BOTTOM_OFFST', 'RIM_RADIUS') and not data['BOTTOM_STIFF'] > 0.0:
         return 'no BOTTOM_STIFF: the rim does not touch'

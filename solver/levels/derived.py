@@ -51,9 +51,8 @@ def moved_imu(whole: ModelSpec, less: ModelSpec) -> tuple[str, ...]:
         return ()
     x, y, z = (f'{1e3 * part:.0f}' for part in shift)
     return (
-        f'imu and accelerations at the centre of mass of {one.name} alone: they are those of the centre of mass of all '
-        'that is part of it '
-        f'here, ({x}, {y}, {z}) mm from there',
+        f'imu and accelerations at the centre of mass of {one.name} alone: they are those of the centre of mass of '
+        f'all that is part of it here, ({x}, {y}, {z}) mm from there',
     )
 
 

@@ -152,7 +152,6 @@ class Equilibrium(ConsistentState):
         b, c = np.unravel_index(np.argmax(np.abs(r / self.by_length)), r.shape)
         raise ConsistencyError(
             f'start: no static equilibrium was found: {left:.3g} N (or N m) remain on body '
-            f'{self.model.body_names[b]!r} '
-            f'(component {"xyz"[c % 3]} of the {"force" if c < 3 else "torque"}); check springs, tires and the initial '
-            'height'
+            f'{self.model.body_names[b]!r} (component {"xyz"[c % 3]} of the {"force" if c < 3 else "torque"}); check '
+            f'springs, tires and the initial height'
         )

@@ -56,8 +56,7 @@ def refuse_unstable(model: Model, K: np.ndarray, J: np.ndarray, metric: np.ndarr
         motion = (free @ shapes[:, worst].real).reshape(-1, 6)
         energy = (motion[:, None, :] @ metric @ motion[:, :, None]).ravel()
         raise ConsistencyError(
-            f'start: the static equilibrium that was found is unstable: '
-            f'body {model.body_names[int(np.argmax(energy))]!r} falls away from it '
-            f'with exp({rates[worst]:.3g} t), t in s; place the bodies nearer to a stable one, or set start.stable: '
-            'false'
+            f'start: the static equilibrium that was found is unstable: body '
+            f'{model.body_names[int(np.argmax(energy))]!r} falls away from it with exp({rates[worst]:.3g} t), t in s; '
+            f'place the bodies nearer to a stable one, or set start.stable: false'
         )

@@ -113,9 +113,8 @@ class InitialConditions:
         rates = {n: c.rate for n, c in start.coordinates.items() if c.rate is not None}
         if start.kind == 'equilibrium' and start.speed and rates:
             raise ConsistencyError(
-                f'start.coordinates.{next(iter(rates))}.rate: has no effect: a vehicle that starts '
-                'from its equilibrium at start.speed has settled, with rates of its own; remove it, or set start.kind: '
-                'assemble'
+                f'start.coordinates.{next(iter(rates))}.rate: has no effect: a vehicle that starts from its '
+                'equilibrium at start.speed has settled, with rates of its own; remove it, or set start.kind: assemble'
             )
         refuse_points_without_distance(self.model, state)
         refuse_flat_discs(self.model, state)

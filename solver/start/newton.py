@@ -177,8 +177,7 @@ class ConsistentState:
                     )
                 raise ConsistencyError(
                     'start: the mechanism cannot be assembled from the given placement: constraint '
-                    f'{self._worst_row(residual)!r} '
-                    f'stays open by {np.abs(residual).max():.3g}; {remedy}'
+                    f'{self._worst_row(residual)!r} stays open by {np.abs(residual).max():.3g}; {remedy}'
                 )
         update_angles(self.coordinates, self._at(state.q, state.v), state.angle)
 
@@ -229,8 +228,7 @@ class ConsistentState:
         if not self._violated(rate) <= most:
             raise ConsistencyError(
                 f'start: no velocity satisfies the constraints: {self._worst_row(rate)!r} is violated by '
-                f'{np.abs(rate).max():.3g}; '
-                'remove contradicting initial rates'
+                f'{np.abs(rate).max():.3g}; remove contradicting initial rates'
             )
 
     def _augment_velocity(self, state: State, hold: float, rate: np.ndarray) -> bool:

@@ -187,8 +187,7 @@ def refuse_flat_discs(model: Model, state: State) -> None:
         if contact.kind == 'rolling' and norm(np.cross(axis, normal)) < COINCIDING:
             raise ConsistencyError(
                 f'start: the disc of contact {contact.name!r} lies flat on its plane, where it has no lowest point to '
-                'roll on; tilt the '
-                f'body {contact.j.body!r}, or give the axis of the disc in its marker j'
+                f'roll on; tilt the body {contact.j.body!r}, or give the axis of the disc in its marker j'
             )
 
 
@@ -229,9 +228,8 @@ def refuse_turned_over(model: Model, state: State) -> None:
         if float(product(F[:, 0], G[:, 0]) + product(F[:, 1], G[:, 1]) + product(F[:, 2], G[:, 2])) < 0.0:
             raise ConsistencyError(
                 f'start: the markers of joint {joint.name!r} ({joint.kind}) are turned by 180 deg against each other; '
-                'turn one of the two '
-                'markers by 180 deg, or, where start.kind: assemble turned them over, place its bodies nearer to their '
-                'assembled positions'
+                'turn one of the two markers by 180 deg, or, where start.kind: assemble turned them over, place its '
+                'bodies nearer to their assembled positions'
             )
 
 
@@ -276,8 +274,7 @@ def refuse_undirected(model: Model, state: State, u: np.ndarray) -> None:
         if 1.0 + float(product(n, m)) < OPPOSED:
             raise ConsistencyError(
                 f'start: the axes of the two markers of {model.coordinate_names[k]!r} point in opposite directions, '
-                'where its angle is not '
-                'defined; turn one of the two markers by 180 deg'
+                'where its angle is not defined; turn one of the two markers by 180 deg'
             )
     if not model.spec.spring_dampers:
         return
@@ -288,8 +285,7 @@ def refuse_undirected(model: Model, state: State, u: np.ndarray) -> None:
         if length < COINCIDING * scale_of(model.spec)[0] and force != 0.0:
             raise ConsistencyError(
                 f'start: spring-damper {spec.name!r} has length zero, so its force of {force:.3g} N has no direction; '
-                'place its bodies '
-                'apart, or give it no force at length zero (free_length: 0, no preload)'
+                'place its bodies apart, or give it no force at length zero (free_length: 0, no preload)'
             )
 
 

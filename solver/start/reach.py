@@ -66,8 +66,7 @@ def beyond_reach(model: Model, state: State, u: np.ndarray, h: float = 0.0) -> s
         if np.spacing(abs(wanted[channel])) > COARSEST:
             asked, digits = f'{wanted[channel]:.4g} {_unit(model, c)}', f'{np.spacing(abs(wanted[channel])):.2g}'
             return (
-                f'driver {c.name!r} asks for {c.input} = {asked}, whose last digit is worth {digits}; keep it '
-                'below '
+                f'driver {c.name!r} asks for {c.input} = {asked}, whose last digit is worth {digits}; keep it below '
                 '4e9, or check its unit'
             )
     if _closed(model, state, wanted) is not None:
@@ -128,8 +127,7 @@ def _end(model: Model, driver: CouplerSpec, start: State, wanted: np.ndarray, u:
     rest = _in_line(model, last) or _locked(model, last, at, row)
     return (
         f'driver {driver.name!r} {asks}{of}, and the mechanism reaches {near:.4g} {unit} at most{rest}; keep '
-        f'{driver.input} within its '
-        'reach, or change the lengths'
+        f'{driver.input} within its reach, or change the lengths'
     )
 
 

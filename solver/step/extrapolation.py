@@ -84,10 +84,8 @@ def require_resolved_friction(model: Model, h: float) -> None:
             if damping < least:
                 raise SpecError(
                     f'integrator: order = 4: the wind-up of {spec.where} relaxes in {damping / stiffness:.3g} s '
-                    '(damping over '
-                    f'stiffness), which steps of {h:g} s do not resolve: it would grow; give a damping of {least:.3g} '
-                    'N m s/rad or '
-                    f'more, or take integrator.order: 2'
+                    f'(damping over stiffness), which steps of {h:g} s do not resolve: it would grow; give a damping '
+                    f'of {least:.3g} N m s/rad or more, or take integrator.order: 2'
                 )
 
 
@@ -114,9 +112,8 @@ def require_resolved_bushings(model: Model, h: float) -> None:
     if fastest * h > SHAKEN:
         raise SpecError(
             f'integrator: order = 4: body {body!r} vibrates on its bushings with {fastest:.3g} rad/s, which grows '
-            'under extrapolation '
-            f'with steps of {h:g} s; it would take {SHAKEN / fastest:.2g} s, and order two is cheaper then: take '
-            'integrator.order: 2'
+            f'under extrapolation with steps of {h:g} s; it would take {SHAKEN / fastest:.2g} s, and order two is '
+            f'cheaper then: take integrator.order: 2'
         )
 
 

@@ -44,8 +44,7 @@ def sentence(
             )
         return when + (
             f'the step matrix is singular at body {model.body_names[where]!r}: a part of its motion has neither '
-            'inertia nor '
-            'constraint nor stiffness; give the body mass and inertia, or constrain that motion'
+            'inertia nor constraint nor stiffness; give the body mass and inertia, or constrain that motion'
         )
     if result.status == BAD_INPUT:
         return when + f'input {model.spec.inputs[where]!r} is not finite; nothing was advanced'
@@ -59,8 +58,7 @@ def sentence(
         if row:
             return when + (
                 f'{said}: the mechanism passes next to a singular position, where constraint {row!r} hardly holds it '
-                'and rounding '
-                'alone leaves more; take integrator.step_policy: rescue, the default, which passes it'
+                'and rounding alone leaves more; take integrator.step_policy: rescue, the default, which passes it'
             )
         return when + f'{said}; {remedy} or allow more'
     assert result.status == NOT_CONVERGED

@@ -229,10 +229,9 @@ def test_what_rounding_does_to_a_light_body_is_seen_by_the_twin() -> None:
     """1e-10 kg beside 1 kg, hidden by the rounding of penalties: its motion differs from step to step."""
     body = '{{mass: {m}, inertia: [{j}, {j}, {j}], position: [{x}, 0, 0], com: [0, 0, -1], rpy_deg: [0, 60, 0]}}'
     text = (
-        f'mechanism:\n  bodies:\n    a: {body.format(m=1, j=0.1, x=0)}\n    b: {body.format(m=1e-10, j=1e-11, x=2)}\n  '
-        'joints:\n'
-        '    a: {kind: revolute, i: world, j: a, at: [0, 0, 0], axis: [0, 1, 0]}\n'
-        '    b: {kind: revolute, i: world, j: b, at: [2, 0, 0], axis: [0, 1, 0]}\nduration: 5\n'
+        f'mechanism:\n  bodies:\n    a: {body.format(m=1, j=0.1, x=0)}\n    b: {body.format(m=1e-10, j=1e-11, x=2)}\n '
+        f' joints:\n    a: {{kind: revolute, i: world, j: a, at: [0, 0, 0], axis: [0, 1, 0]}}\n    b: {{kind: '
+        'revolute, i: world, j: b, at: [2, 0, 0], axis: [0, 1, 0]}\nduration: 5\n'
     )
     _, data = bar(text)
     assert (data['status'], data['findings'][0]['quantity']) == ('suspect', 'numerical_error')

@@ -104,8 +104,7 @@ def test_a_mapping_file(tmp_path: Path) -> None:
     file = tmp_path / 'car.yaml'
     file.write_text(
         "channels:\n  imu/wz: {channel: gyro/z, unit: deg/s}\n  'tire/*/force/fz': {channel: 'load/*', unit: kN, hold: "
-        'true}\n'
-        'axes:\n  - {channels: [imu/ax, imu/ay, imu/az], rpy_deg: [180, 0, 0]}\n'
+        'true}\naxes:\n  - {channels: [imu/ax, imu/ay, imu/az], rpy_deg: [180, 0, 0]}\n'
     )
     read = load_mapping(file)
     assert read.channels['imu/wz'] == ChannelSource(channel='gyro/z', unit='deg/s')

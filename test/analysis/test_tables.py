@@ -23,8 +23,7 @@ EPOCH = 1_700_000_000 * S
 NOON = 1_706_702_400 * S  # 2024-01-31T12:00:00Z
 MOTEC = (
     '"Format","MoTeC CSV File",,,"Workbook",""\n"Sample Rate","100.000","Hz",,\n\n"Time","Ground Speed","G Force '
-    'Lat"\n"s","km/h","G"\n\n\n'
-    '"0.000","36","0.5"\n"0.010","72","1"\n'
+    'Lat"\n"s","km/h","G"\n\n\n"0.000","36","0.5"\n"0.010","72","1"\n'
 )
 
 

@@ -153,8 +153,7 @@ def test_what_was_recorded_twice_is_no_loss_unless_one_of_it_differs(other: int 
         )
         assert (same in run.remarks) is (other is None)
         told = (
-            f'topic {topic}: 100 of 200 messages are left out, because a later one has the same {clock} (99 of '
-            'them '
+            f'topic {topic}: 100 of 200 messages are left out, because a later one has the same {clock} (99 of them '
             'the same values too)'
         )
         assert any(text.startswith(told) for text in run.doubts) is (other is not None)

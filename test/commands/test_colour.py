@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scalars import write_scalars
+from terminals import written
 
 from mbd_sim_ros.commands import table
 from mbd_sim_ros.commands.colour import PLAIN, RED, is_wanted, painted
@@ -70,17 +71,7 @@ def shown(*argv: str, **environment: str) -> bytes:
         stdin=subprocess.DEVNULL, stdout=theirs, stderr=theirs, env=own | environment, timeout=60, check=False,
     )  # fmt: skip
     os.close(theirs)
-    text = b''
-    while True:
-        try:
-            part = os.read(ours, 65536)
-        except OSError:  # the end of a terminal
-            break
-        if not part:
-            break
-        text += part
-    os.close(ours)
-    return text
+    return written(ours)
 
 
 def test_a_command_on_a_terminal(tmp_path: Path) -> None:

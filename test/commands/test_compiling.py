@@ -14,6 +14,7 @@ from types import SimpleNamespace
 
 import pytest
 from numba.core import event
+from terminals import written
 
 from mbd_sim_ros import compiling
 
@@ -60,17 +61,7 @@ def printed(shown: str, *, terminal: bool) -> str:
     termios.tcsetwinsize(theirs, (40, 120))
     subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, stderr=theirs, timeout=60, check=True)
     os.close(theirs)
-    text = b''
-    while True:
-        try:
-            part = os.read(ours, 65536)
-        except OSError:  # the end of a terminal
-            break
-        if not part:
-            break
-        text += part
-    os.close(ours)
-    return text.decode()
+    return written(ours).decode()
 
 
 def test_a_terminal_sees_how_many_of_how_many_kernels() -> None:

@@ -16,17 +16,10 @@ BUFFERED = {name: value for name, value in os.environ.items() if name != 'PYTHON
 
 def test_only_the_object_is_on_stdout_whatever_a_library_prints(tmp_path: Path) -> None:
     script = (
-        'import ctypes, os, sys\n'
-        'from mbd_sim_ros.commands import main as cli\n'
-        'from mbd_sim_ros.commands import Result\n'
-        'def chatty(_):\n'
-        '    print("from python")\n'
-        '    os.write(1, b"to the descriptor\\n")\n'
-        '    ctypes.CDLL(None).puts(b"from c")\n'
-        '    ctypes.CDLL(None).fflush(None)\n'
-        '    return Result(data={"status": "ok"})\n'
-        'cli.info.run = chatty\n'
-        'sys.exit(cli.main(sys.argv[1:]))\n'
+        'import ctypes, os, sys\nfrom mbd_sim_ros.commands import main as cli\nfrom mbd_sim_ros.commands import '
+        'Result\ndef chatty(_):\n    print("from python")\n    os.write(1, b"to the descriptor\\n")\n    '
+        'ctypes.CDLL(None).puts(b"from c")\n    ctypes.CDLL(None).fflush(None)\n    return Result(data={"status": '
+        '"ok"})\ncli.info.run = chatty\nsys.exit(cli.main(sys.argv[1:]))\n'
     )
     done = subprocess.run(
         [sys.executable, '-c', script, 'info', 'pendulum', '--json'],
@@ -70,12 +63,9 @@ def test_blas_has_one_thread_unless_the_user_says_otherwise(given: dict[str, str
     if (os.cpu_count() or 1) < threads:
         pytest.skip('one core')
     script = (
-        'import sys; sys.argv[0] = "mbd"\n'
-        'import mbd_sim_ros.commands.main, numpy, ctypes, glob, os\n'
-        'libraries = {line.split()[-1] for line in open("/proc/self/maps") if "scipy_openblas" in line and "numpy" in '
-        'line}\n'
-        'library = ctypes.CDLL(min(libraries))\n'
-        'print(library.scipy_openblas_get_num_threads64_())\n'
+        'import sys; sys.argv[0] = "mbd"\nimport mbd_sim_ros.commands.main, numpy, ctypes, glob, os\nlibraries = '
+        '{line.split()[-1] for line in open("/proc/self/maps") if "scipy_openblas" in line and "numpy" in line}\n'
+        'library = ctypes.CDLL(min(libraries))\nprint(library.scipy_openblas_get_num_threads64_())\n'
     )
     environment = (
         {k: v for k, v in os.environ.items() if k != 'OPENBLAS_NUM_THREADS'} | {'PYTHONPATH': str(ROOT)} | given

@@ -57,10 +57,8 @@ def test_a_lack_of_memory_is_a_sentence(monkeypatch: pytest.MonkeyPatch, capsys:
 
 def test_what_a_library_prints_at_the_end_of_the_process_is_not_on_the_output() -> None:
     script = (
-        'import atexit, os, runpy, sys\n'
-        'atexit.register(lambda: os.write(1, b"C says goodbye\\n"))\n'
-        'atexit.register(print, "Python says goodbye")\n'
-        'sys.argv = ["mbd", "recover", "nowhere", "new", "--json"]\n'
+        'import atexit, os, runpy, sys\natexit.register(lambda: os.write(1, b"C says goodbye\\n"))\n'
+        'atexit.register(print, "Python says goodbye")\nsys.argv = ["mbd", "recover", "nowhere", "new", "--json"]\n'
         'runpy.run_module("mbd_sim_ros.commands.main", run_name="__main__")\n'
     )
     done = subprocess.run(
@@ -75,15 +73,9 @@ def test_a_program_ends_without_taking_the_interpreter_apart() -> None:
     """Behind a second of compiled code that takes longer than the answer to Ctrl-C may. What was registered for the end
     is done."""
     script = (
-        'import atexit, os, sys\n'
-        'class Last:\n'
-        '    def __del__(self, write=os.write):\n'
-        '        write(1, b"taken apart")\n'
-        'last = Last()\n'
-        'atexit.register(lambda: print("registered"))\n'
-        'sys.argv = ["mbd", "nothing"]\n'
-        'from mbd_sim_ros.commands.main import main\n'
-        'sys.exit(main())\n'
+        'import atexit, os, sys\nclass Last:\n    def __del__(self, write=os.write):\n        write(1, b"taken '
+        'apart")\nlast = Last()\natexit.register(lambda: print("registered"))\nsys.argv = ["mbd", "nothing"]\nfrom '
+        'mbd_sim_ros.commands.main import main\nsys.exit(main())\n'
     )
     ended = subprocess.run([sys.executable, '-c', script], check=False, capture_output=True, text=True, cwd=ROOT)
     assert (ended.returncode, ended.stdout) == (2, 'registered\n')

@@ -44,8 +44,7 @@ def test_what_another_setting_would_replace_is_refused(command: list[str], capsy
     told = json.loads(capsys.readouterr().out)['error']
     assert (
         '--set maneuver.steering: has no effect, because --set maneuver comes later and replaces all of maneuver; '
-        'give '
-        '--set maneuver first'
+        'give --set maneuver first'
     ) in told
 
 

@@ -246,8 +246,7 @@ def test_a_start_that_moves_bodies_is_told_by_run_and_info(tmp_path, capsys) -> 
     path = tmp_path / 'scene.yaml'
     path.write_text(
         'mechanism:\n  bodies: {bob: {mass: 1, inertia: [0.01, 0.01, 0.01], com: [0, 0, -1]}}\n  joints:\n    pivot: '
-        '{kind: revolute, '
-        'i: {body: world, axis: [0, 1, 0]}, j: {body: bob, position: [0.1, 0, 0], axis: [0, 1, 0]}}\n'
+        '{kind: revolute, i: {body: world, axis: [0, 1, 0]}, j: {body: bob, position: [0.1, 0, 0], axis: [0, 1, 0]}}\n'
         'start: {kind: assemble}\nduration: 0.1\n'
     )
     for command in (['run', str(path), *QUICK], ['info', str(path)]):

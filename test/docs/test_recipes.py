@@ -112,10 +112,9 @@ def test_a_topic_is_one_line(program):
     done = mbd(program, 'run', 'light_car_straight', '--duration', '0.02', '--out', 'bag', '--json')
     assert done.returncode == 0, done.stderr + done.stdout
     look = (
-        'from mbd_sim_ros.bags.reader import read; run = read("bag")\n'
-        'for w in ("front_left", "front_right", "rear_left", "rear_right"):\n'
-        '    assert (run[f"wheel_loads/{w}"] == run[f"tire_states/{w}/fz"]).all() and run[f"wheel_loads/{w}"].min() > '
-        '1000.0'
+        'from mbd_sim_ros.bags.reader import read; run = read("bag")\nfor w in ("front_left", "front_right", '
+        '"rear_left", "rear_right"):\n    assert (run[f"wheel_loads/{w}"] == run[f"tire_states/{w}/fz"]).all() and '
+        'run[f"wheel_loads/{w}"].min() > 1000.0'
     )
     read = run_there(program, '-c', look)
     assert read.returncode == 0, read.stderr

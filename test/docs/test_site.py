@@ -101,8 +101,7 @@ def test_links_lead_to_pages_files_and_folders(tmp_path: Path) -> None:
     )
     assert made._linked(text, page) == (
         '[a](/docs/scene.md#start) [b](/files/solver/simulation.py.md) [c](/files/solver/levels.md) '
-        '[d](/docs/index.md) [e](https://a.b/c.md)\n'
-        '```\n[f](none.md)\n```\n'
+        '[d](/docs/index.md) [e](https://a.b/c.md)\n```\n[f](none.md)\n```\n'
     )
     assert made.shown == {ROOT / 'solver' / 'simulation.py', ROOT / 'solver' / 'levels'}
     with pytest.raises(SystemExit, match=r'docs/vehicle.md: the link none.md leads nowhere'):

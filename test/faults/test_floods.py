@@ -153,9 +153,8 @@ def test_a_disk_that_fills_up_costs_what_did_not_fit(trial: int, tmp_path: Path)
     victim = Victim(
         tmp_path,
         ['-c', 'import resource, signal, sys\n'
-         'signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n'
-         f'resource.setrlimit(resource.RLIMIT_FSIZE, ({kilobytes * 1000}, resource.RLIM_INFINITY))\n'
-         'from mbd_sim_ros.commands.main import main\n'
+         f'signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\nresource.setrlimit(resource.RLIMIT_FSIZE, '
+         f'({kilobytes * 1000}, resource.RLIM_INFINITY))\nfrom mbd_sim_ros.commands.main import main\n'
          'sys.exit(main(sys.argv[1:]))',
          *mbd('run', 'light_car_lane_change', '--set', 'duration=1000', '--out', 'out')[2:]],
     )  # fmt: skip

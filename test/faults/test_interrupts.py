@@ -177,29 +177,18 @@ def test_a_second_signal_ends_the_process_at_once_and_the_recording_is_complete(
     slow = 'import time\nimport solver.simulation\n'
     if name == 'run':
         script = slow + (
-            'advance = solver.simulation.Simulation.advance\n'
-            'def deaf(self, n=1, inputs=None, **more):\n'
-            '    if self.k >= 500:\n'
-            '        print("DEAF", flush=True)\n'
-            '        time.sleep(30.0)\n'
-            '    return advance(self, n, inputs, **more)\n'
-            'solver.simulation.Simulation.advance = deaf\n'
-            'import sys\n'
-            'from mbd_sim_ros.commands.main import main\n'
-            'sys.exit(main(sys.argv[1:]))\n'
+            'advance = solver.simulation.Simulation.advance\ndef deaf(self, n=1, inputs=None, **more):\n    if self.k '
+            '>= 500:\n        print("DEAF", flush=True)\n        time.sleep(30.0)\n    return advance(self, n, '
+            'inputs, **more)\nsolver.simulation.Simulation.advance = deaf\nimport sys\nfrom mbd_sim_ros.commands.main '
+            'import main\nsys.exit(main(sys.argv[1:]))\n'
         )
         arguments: list[object] = ['-c', script, 'run', 'light_car_lane_change', '--out', 'out']
     else:
         script = SCRIPT.replace(
             'node.prepare = prepare',
-            'advance = synthetic.Synthetic.advance\n'
-            'def deaf(self, n=1, inputs=None):\n'
-            '    if self.k >= 500:\n'
-            '        print("DEAF", flush=True)\n'
-            '        time.sleep(30.0)\n'
-            '    return advance(self, n, inputs)\n'
-            'synthetic.Synthetic.advance = deaf\n'
-            'node.prepare = prepare',
+            'advance = synthetic.Synthetic.advance\ndef deaf(self, n=1, inputs=None):\n    if self.k >= 500:\n        '
+            'print("DEAF", flush=True)\n        time.sleep(30.0)\n    return advance(self, n, inputs)\n'
+            'synthetic.Synthetic.advance = deaf\nnode.prepare = prepare',
         )
         arguments = simulator(script, '{}', '0', record=True, out='out')
     victim = Victim(tmp_path, arguments, ROS_DOMAIN_ID=DOMAIN, ROS_LOG_DIR=str(tmp_path / 'log'))
@@ -225,16 +214,10 @@ def test_a_sentence_that_is_being_said_is_finished(tmp_path: Path) -> None:
     """Whoever has begun to say why the work ends is not cut off by the thread that ends the process when its time is
     up."""
     script = (
-        'import sys, time\n'
-        'from mbd_sim_ros import interrupts\n'
-        'interrupts.install(lambda text: interrupts.write(2, text))\n'
-        'interrupts.now("waiting")\n'
-        'print("READY", flush=True)\n'
-        'interrupts.event.wait()\n'
-        'with interrupts.saying() as mine:\n'
-        '    time.sleep(1.5 * interrupts.GRACE)\n'
-        '    interrupts.write(2, f"{mine}: {interrupts.sentence()}")\n'
-        'time.sleep(30.0)\n'
+        'import sys, time\nfrom mbd_sim_ros import interrupts\ninterrupts.install(lambda text: interrupts.write(2, '
+        'text))\ninterrupts.now("waiting")\nprint("READY", flush=True)\ninterrupts.event.wait()\nwith '
+        'interrupts.saying() as mine:\n    time.sleep(1.5 * interrupts.GRACE)\n    interrupts.write(2, f"{mine}: '
+        '{interrupts.sentence()}")\ntime.sleep(30.0)\n'
     )
     victim = Victim(tmp_path, ['-c', script])
     try:
@@ -295,15 +278,9 @@ def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytes
 
 
 STRUCK = (  # as `main` of console scripts is called, but that a signal comes in the middle of the first imports
-    'import os, signal, sys\n'
-    'class Strike:\n'
-    '    def find_spec(self, name, path=None, target=None):\n'
-    '        if name == "{imported}":\n'
-    '            os.kill(os.getpid(), signal.SIGINT)\n'
-    'sys.meta_path.insert(0, Strike())\n'
-    'sys.argv[0] = "/somewhere/bin/{name}"\n'
-    'from {module} import main\n'
-    'sys.exit(main())\n'
+    'import os, signal, sys\nclass Strike:\n    def find_spec(self, name, path=None, target=None):\n        if name '
+    '== "{imported}":\n            os.kill(os.getpid(), signal.SIGINT)\nsys.meta_path.insert(0, Strike())\n'
+    'sys.argv[0] = "/somewhere/bin/{name}"\nfrom {module} import main\nsys.exit(main())\n'
 )
 
 

@@ -68,10 +68,9 @@ def test_a_scene_takes_heights_and_friction_from_files_and_keeps_them(tmp_path: 
     np.savez(tmp_path / 'ice.npz', factor=np.array([[1.0, 1.0], [0.2, 0.2], [0.2, 0.2]]))
     scene = tmp_path / 'scene.yaml'
     scene.write_text(
-        'vehicle: vehicles/light_car.yaml\nroad:\n'
-        '  grids: [{kind: raster_grid, origin: [1, 2], step: [0.5, 0.5], scale: 0.04, raster: bumps.png}]\n'
-        '  maps: [{origin: [0, -5], step: [10, 10], raster: ice.npz}]\n'
-        'start: {kind: equilibrium, speed_kmh: 20}\nduration: 0.1\n'
+        'vehicle: vehicles/light_car.yaml\nroad:\n  grids: [{kind: raster_grid, origin: [1, 2], step: [0.5, 0.5], '
+        'scale: 0.04, raster: bumps.png}]\n  maps: [{origin: [0, -5], step: [10, 10], raster: ice.npz}]\nstart: '
+        '{kind: equilibrium, speed_kmh: 20}\nduration: 0.1\n'
     )
     loaded = load_scene(scene)
     again = load_scene_text(loaded.resolved)

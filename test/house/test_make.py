@@ -38,8 +38,7 @@ def test_a_python_that_is_too_old_ends_make_setup_at_once(minor: int, where: str
         assert done.returncode == 2
         assert done.stdout == (
             f'{place} is Python 3.{minor}, and 3.11 or newer is needed: name another one, e.g. make setup '
-            'PYTHON=python3.11, and remove '
-            f'{tmp_path}/venv if it was made with this one\n'
+            f'PYTHON=python3.11, and remove {tmp_path}/venv if it was made with this one\n'
         )
     assert where != 'named' or not (tmp_path / 'venv').exists()
 

@@ -126,8 +126,7 @@ def test_who_subscribes_to_another_type_or_publishes_one_is_told(watched, client
     one = watched()
     one.tells(
         '/tire_states: /client subscribes to geometry_msgs/msg/PoseStamped, this node publishes '
-        'sensor_msgs/msg/JointState: '
-        'no message passes; subscribe to sensor_msgs/msg/JointState'
+        'sensor_msgs/msg/JointState: no message passes; subscribe to sensor_msgs/msg/JointState'
     )
     one.tells(
         '/imu: /client publishes geometry_msgs/msg/Twist, and this node sensor_msgs/msg/Imu; rename one of the two'
@@ -335,8 +334,7 @@ def test_cmd_vel_is_taken_in_the_type_that_is_published(adapter, client, capfd) 
             said += capfd.readouterr().err
             return (
                 '/cmd_vel: /other publishes geometry_msgs/msg/TwistStamped, this node subscribes to '
-                'geometry_msgs/msg/Twist: '
-                'no message passes; publish geometry_msgs/msg/Twist'
+                'geometry_msgs/msg/Twist: no message passes; publish geometry_msgs/msg/Twist'
             ) in said
 
         adapter.until(told)

@@ -185,8 +185,7 @@ def test_rods_between_spherical_joints_do_not_turn_about_themselves(form, mass, 
     c, s = float(np.cos(angle)), float(np.sin(angle))
     bodies = (
         f'    rod: {{mass: {mass}, inertia: {inertia}, position: [{0.5 * s}, 0, {-0.5 * c}], rpy: [0, '
-        f'{np.pi / 2 - angle}, 0]}}\n'
-        f'    ball: {{mass: 1, inertia: [0, 0, 0], position: [{s}, 0, {-c}]}}\n'
+        f'{np.pi / 2 - angle}, 0]}}\n    ball: {{mass: 1, inertia: [0, 0, 0], position: [{s}, 0, {-c}]}}\n'
     )
     joints = f"""  joints:
     a: {{kind: spherical, i: world, j: rod, at: [0, 0, 0]}}

@@ -109,12 +109,9 @@ def mass_on(constraint: str, stiffness: float, damping: float, *settings: str) -
     it."""
     return Simulation(
         load_scene_text(
-            'mechanism:\n'
-            '  gravity: [0, -9.81, 0]\n'
-            '  bodies: {mass: {mass: 3, inertia: [1, 1, 1]}}\n'
-            f'  {constraint}\n'
-            '  bushings: {soft: {i: world, j: mass, at: [0, 0, 0], '
-            f'stiffness: [0, {stiffness}, 0, 0, 0, 0], damping: [0, {damping}, 0, 0, 0, 0]}}}}\n',
+            f'mechanism:\n  gravity: [0, -9.81, 0]\n  bodies: {{mass: {{mass: 3, inertia: [1, 1, 1]}}}}\n  '
+            f'{constraint}\n  bushings: {{soft: {{i: world, j: mass, at: [0, 0, 0], stiffness: [0, {stiffness}, 0, 0, '
+            f'0, 0], damping: [0, {damping}, 0, 0, 0, 0]}}}}\n',
             overrides=[f'integrator.{s}' for s in settings],
         )
     )

@@ -44,9 +44,8 @@ def test_designs_stay_inside_repeat_and_fill_the_space(kind: str, count: int):
 def test_why_there_are_no_indices_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """One failed case of twelve takes the indices of all figures, and one that is always the same has none."""
     (tmp_path / 's.yaml').write_text(
-        'scene: pendulum\nset: [duration=0.02]\ndesign: {kind: morris, samples: 2}\n'
-        'parameters: {integrator.rho_inf: {low: 0.5, high: 1.3}}\n'
-        'figures: {y: {quantity: odom/pose/y, take: min}}\n'
+        'scene: pendulum\nset: [duration=0.02]\ndesign: {kind: morris, samples: 2}\nparameters: {integrator.rho_inf: '
+        '{low: 0.5, high: 1.3}}\nfigures: {y: {quantity: odom/pose/y, take: min}}\n'
     )
     assert main(['sweep', str(tmp_path / 's.yaml'), '--out', str(tmp_path / 'out'), '--workers', '1']) == 0
     reason = r'no indices of y: [1-3] of 4 cases have no value'

@@ -478,11 +478,9 @@ def test_numerical_errors_are_measured_in_a_sample_of_the_cases_and_decide_where
     sample, and the error where all are measured."""
     text = (
         'mechanism:\n  bodies:\n    a: {mass: 1, inertia: [1, 1, 1]}\n    b: {mass: 0.01, inertia: [1, 1, 1]}\n  '
-        'joints:\n'
-        '    g: {kind: prismatic, i: world, j: a, at: [0, 0, 0], axis: [0, 0, 1]}\n'
-        '    k: {kind: prismatic, i: a, j: b, at: [0, 0, 0], axis: [0, 0, 1]}\n'
-        '  coordinate_forces: {s: {terms: [[g, 1]], spring: 100}, t: {terms: [[k, 1]], spring: 1e8}}\n'
-        'start: {coordinates: {k: {value: 0.001}}}\nduration: 2\n'
+        'joints:\n    g: {kind: prismatic, i: world, j: a, at: [0, 0, 0], axis: [0, 0, 1]}\n    k: {kind: prismatic, '
+        'i: a, j: b, at: [0, 0, 0], axis: [0, 0, 1]}\n  coordinate_forces: {s: {terms: [[g, 1]], spring: 100}, t: '
+        '{terms: [[k, 1]], spring: 1e8}}\nstart: {coordinates: {k: {value: 0.001}}}\nduration: 2\n'
     )
     figures = {'fall': SweepFigure(quantity='odom/pose/z', take='peak')}
 

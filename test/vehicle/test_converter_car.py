@@ -108,8 +108,7 @@ def test_an_automatic_gearbox_starts_it_by_the_converter_and_the_account_closes(
     else is missing."""
     box = (
         '{shift: {pedals: [0, 1], up_kmh: [[12, 45], [25, 85], [40, 125], [55, 165]], down_kmh: [[6, 28], [16, 60], '
-        '[30, 95], [42, 135]], '
-        'launch: 0, lock_up: 16.7}}'
+        '[30, 95], [42, 135]], launch: 0, lock_up: 16.7}}'
     )
     behind = () if vehicle == 'compact_fwd' else ('vehicle.engine.power.final=1', 'vehicle.driveline.top_speed=null')
     simulation = Simulation(

@@ -123,9 +123,8 @@ def judge_stopping(s: Signals, p: Stopping) -> Result:
     t0, end, way = stop(s, p.rest)
     if math.isnan(end):
         raise s.refuse(
-            f'the car does not come to rest in the recording: '
-            f'{s["speed"][-1]:.3g} m/s at its end; it lasts {s.t[-1] - s.t[0]:.3g} s, record for '
-            f'longer (mbd maneuver --set duration=...)'
+            f'the car does not come to rest in the recording: {s["speed"][-1]:.3g} m/s at its end; it lasts '
+            f'{s.t[-1] - s.t[0]:.3g} s, record for longer (mbd maneuver --set duration=...)'
         )
     if 'yaw_rate' in s:
         keep_ahead(s, t0, end)

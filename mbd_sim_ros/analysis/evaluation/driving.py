@@ -3,6 +3,9 @@ calls again.
 
 The name of the directory of a run contains a hash: of the resolved scene, of files that belong to it (its plan, a
 recording that it replays), and of the sources of the solver. So a recording of that name is one of the same run.
+
+The file is long because a call that finds earlier runs, one that drives new ones and the report of both share their
+names and hashes.
 """
 
 from __future__ import annotations
@@ -138,8 +141,7 @@ class Driving:
         )
         return (
             f'{usual:.3g} km/h are for passenger cars{own}, on the wheelbase of {self.vehicle.stem} that is '
-            f'{similar:.3g} km/h: '
-            f'--set start.speed_kmh={similar:.3g}'
+            f'{similar:.3g} km/h: --set start.speed_kmh={similar:.3g}'
         )
 
     def _drive(self, evaluation: Evaluation) -> tuple[list[Path], dict[str, float]]:
@@ -334,9 +336,8 @@ class Driving:
             there = ', where the ramp ended' if ended else ''
             raise SpecError(
                 f'{self.vehicle.stem} does not reach a lateral acceleration of {wanted:.3g} m/s^2 at this '
-                f'speed{on(friction)}: '
-                f'{a.max():.3g} m/s^2 at {math.degrees(d[-1]):.3g} deg of the steering wheel{there}; '
-                'give the steering with --set maneuver.steering=...'
+                f'speed{on(friction)}: {a.max():.3g} m/s^2 at {math.degrees(d[-1]):.3g} deg of the steering '
+                f'wheel{there}; give the steering with --set maneuver.steering=...'
             )
         small = (a >= 0.2 * wanted) & (a <= 0.6 * wanted)
         ahead = line(a[small], d[small])[1] if small.sum() >= 5 else 0.0

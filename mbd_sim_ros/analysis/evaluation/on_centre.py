@@ -111,8 +111,7 @@ def judge(s: Signals, p: Weave) -> Result:
         least = math.nan  # where it turns back its slope is zero, and says nothing
         s.notes.append(
             f'the lateral acceleration swings from {a.min():.3g} to {a.max():.3g} m/s^2, not beyond {p.level:g} m/s^2 '
-            'to both sides: the '
-            f'least sensitivity within that has no value; give level=... ({GIVEN})'
+            f'to both sides: the least sensitivity within that has no value; give level=... ({GIVEN})'
         )
     figures = [
         Figure('speed', 'speed, mean', float(values['speed'].mean()), 'm/s'),

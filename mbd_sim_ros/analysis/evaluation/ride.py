@@ -164,8 +164,7 @@ def judge(s: Signals, p: Ride) -> Result:
             where = f'only from t = {s.t[on][0]:.3g} to {s.t[on][-1]:.3g} s' if on.any() else 'at no time'
             notes.append(
                 f'the wheels are on the rough part of the road {where}, and the figures are of t = {s.t[used][0]:.3g} '
-                'to '
-                f'{s.t[used][-1]:.3g} s: make it longer, or the run shorter'
+                f'to {s.t[used][-1]:.3g} s: make it longer, or the run shorter'
             )
     figures, charts, total = [], [], 0.0
     t = s.t[used]

@@ -294,8 +294,7 @@ def _grid(times: Mapping[str, np.ndarray], place: str, held: frozenset[str]) -> 
     if end - begin > MOST_SAMPLES * step:
         raise BagError(
             f'{place}: from {begin * 1e-9:.6g} to {end * 1e-9:.6g} s there are more than {MOST_SAMPLES} samples at '
-            'steps of '
-            f'{step * 1e-9:g} s; a clock was set meanwhile, or there is a long gap: cut the recording there'
+            f'steps of {step * 1e-9:g} s; a clock was set meanwhile, or there is a long gap: cut the recording there'
         )
     notes, origin = [], 0 if begin < 10_000_000_000_000 else begin
     for t in others:

@@ -65,10 +65,8 @@ def series(reference: float) -> list[float]:
     if FIRST * reference < slowest:
         raise SpecError(
             'fmvss126 is no maneuver for so direct a steering: A, its angle at 0.3 g, is '
-            f'{math.degrees(reference):.3g} deg, and a sine of '
-            f'{FIRST:g} A does not turn the steering wheel at 75 deg/s, by which the norm finds its beginning; that '
-            'takes A = '
-            f'{math.degrees(slowest / FIRST):.3g} deg'
+            f'{math.degrees(reference):.3g} deg, and a sine of {FIRST:g} A does not turn the steering wheel at 75 '
+            f'deg/s, by which the norm finds its beginning; that takes A = {math.degrees(slowest / FIRST):.3g} deg'
         )
     last = min(max(LAST * reference, LEAST_LAST), MOST_LAST)
     amplitudes, k = [], 0
@@ -193,9 +191,8 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
     if p.reference is not None and amplitude < LEAST * FIRST * p.reference:
         notes.append(
             f'the amplitude is {amplitude / p.reference:.3g} A, and the series of the norm begins with {FIRST:g} A: '
-            'check reference, the '
-            f'angle A in rad, which is {math.degrees(p.reference):.4g} deg here; responsiveness is judged from '
-            f'{FROM:g} A on'
+            f'check reference, the angle A in rad, which is {math.degrees(p.reference):.4g} deg here; responsiveness '
+            f'is judged from {FROM:g} A on'
         )
     if p.reference is None:
         notes.append(f'responsiveness is not judged: the angle A is not known; give reference=... in rad ({GIVEN})')

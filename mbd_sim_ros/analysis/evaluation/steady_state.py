@@ -81,9 +81,8 @@ def judge(s: Signals, p: SteadyState, method: str) -> Result:
             f', steady from {float(a[used].min()):.3g} m/s^2 on' if used.any() else ''
         )
         raise s.refuse(
-            'no steady-state circular driving in the recording: '
-            f'lateral accelerations between {p.low:g} and {p.high:g} m/s^2 are not passed through '
-            f'({passed}); try others, low=... high=... ({GIVEN})'
+            f'no steady-state circular driving in the recording: lateral accelerations between {p.low:g} and '
+            f'{p.high:g} m/s^2 are not passed through ({passed}); try others, low=... high=... ({GIVEN})'
         )
     constant = {
         'constant_radius': 1.0 / curvature,

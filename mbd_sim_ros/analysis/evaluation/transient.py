@@ -89,8 +89,7 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
     if rise < FINE * apart:
         s.notes.append(
             f'recorded every {apart:.3g} s, and the steering wheel turns within {rise:.2g} s: response times are not '
-            'known better than to '
-            f'{0.5 * apart:.2g} s'
+            f'known better than to {0.5 * apart:.2g} s'
         )
     figures = [
         Figure('speed', 'speed before the step', speed, 'm/s'),
@@ -230,9 +229,8 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
         if damped > DAMPED:
             s.notes.append(
                 f'the {text} is recorded every {s.spacing[name]:.3g} s, the others more often: straight lines between '
-                'its samples take '
-                f'{100.0 * damped:.2g} % of its amplitude at {p.high:g} Hz; record it more often, or take a lower '
-                f'high=... ({GIVEN})'
+                f'its samples take {100.0 * damped:.2g} % of its amplitude at {p.high:g} Hz; record it more often, or '
+                f'take a lower high=... ({GIVEN})'
             )
     for name, text, _ in RESPONSES:
         gain_unit = '1/s' if name == 'yaw_rate' else 'm/s^2/rad'

@@ -280,8 +280,7 @@ class Looking:
             vy.unit, self.signs[vy.name] = v.unit, sign
             vy.why.append(
                 f'with its derivative {ay.name} is explained better: correlation {both[sign]:.4f} instead of '
-                f'{alone:.4f}; its '
-                f'unit is taken as that of {v.name}'
+                f'{alone:.4f}; its unit is taken as that of {v.name}'
             )
             if beta is not None and beta.unit:
                 slip = g.fit(np.arctan2(g.of(vy.name), g.of(v.name)), g.of(beta.name))

@@ -149,8 +149,7 @@ def _stepping(cases: Sequence[dict[str, Any]]) -> Table:
 def _phases(cases: Sequence[dict[str, Any]]) -> Table:
     rows = [['case', *PHASES, 'whole'], *([case['name'], *map(_number, case['phases'].values())] for case in cases)]
     about = (
-        'CPU time in us per audited step: every compiled piece of a step repeated alone on the data of a real '
-        'one, '
+        'CPU time in us per audited step: every compiled piece of a step repeated alone on the data of a real one, '
         'times its calls.'
     )
     return Table('Phases of a step', about, rows, PHASES)
@@ -218,9 +217,8 @@ def machine(report: dict[str, Any]) -> list[str]:
         f'Python {m["python"]}, numpy {m["numpy"]}, numba {m["numba"]}, LLVM {m["llvm"]}; solver {m["source_hash"]}',
         f'one core, {report["rounds"]} rounds over all cases; reading the CPU clock takes {m["clock_us"]:.2f} us and '
         'is not subtracted',
-        f'load average before the run {m["load_average"]:.2f}; the thread waited for its core {d["waited"]:.1%} of the '
-        'time, '
-        f'the hypervisor took {d["stolen"]:.1%} of the core',
+        f'load average before the run {m["load_average"]:.2f}; the thread waited for its core {d["waited"]:.1%} of '
+        f'the time, the hypervisor took {d["stolen"]:.1%} of the core',
         *(f'WARNING: {text}' for text in report['warnings']),
     ]
 

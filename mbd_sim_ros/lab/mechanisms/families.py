@@ -4,6 +4,8 @@ about a kilogram.
 Each family has what it is named after, and a share of its members has springs, dampers, torques, drivers or duplicated
 constraints on top (`adorn`). Natural frequencies that elements bring in are between 2 and 1000 rad/s, dampers from none
 to ten times critical.
+
+The file is long because it has one function for each family, which share nothing but the draft they fill.
 """
 
 from __future__ import annotations

@@ -77,9 +77,8 @@ def module(name: str) -> ModuleType:
         raise SpecError(f'study {name!r}: no such study{suggestion(name, STUDIES)}')
     if name not in installed():
         raise SpecError(
-            f'study {name!r}: proves the program to itself and is not installed; run it in a checkout of the source of '
-            'mbd_sim_ros, '
-            f'after make setup there; installed: {", ".join(installed())}'
+            f'study {name!r}: proves the program to itself and is not installed; run it in a checkout of the source '
+            f'of mbd_sim_ros, after make setup there; installed: {", ".join(installed())}'
         )
     return importlib.import_module(STUDIES[name])
 

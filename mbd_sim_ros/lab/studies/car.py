@@ -93,11 +93,9 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
         f'Scene `{SCENE}`, {duration:g} s. Every method solves the same compiled model from the same start. The '
         'converged solution is '
         "Richardson's extrapolation of the two finest runs; its band is the distance to the extrapolation from the "
-        'level before. '
-        f'Departures are judged over the first {judged:g} s: position in m, yaw rate and tire forces (RMS, worst of '
-        'twelve) in percent of '
-        'their peaks. A run that failed has no departures. CPU times are of one process and compare within this table '
-        'only.'
+        f'level before. Departures are judged over the first {judged:g} s: position in m, yaw rate and tire forces '
+        f'(RMS, worst of twelve) in percent of their peaks. A run that failed has no departures. CPU times are of one '
+        'process and compare within this table only.'
     )
     data: dict[str, Any] = {'duration': duration, 'judged': judged}
     data['methods'] = _methods(report, runs, truth, judged)
@@ -174,9 +172,8 @@ def _growth(report: Report, runs: Sequence[CarRun], truth: Converged) -> dict[st
         better = 'a power of time' if g['power_misfit'] < g['rate_misfit'] else 'an exponential'
         law = f't^{g["power"]:.1f}' if g['power_misfit'] < g['rate_misfit'] else f'exp({g["rate"]:.2f} t)'
         lines.append(
-            f'- {name}: {better} fits better, {law}. Of the position error at the end {100 * g["heading_share"]:.0f} % '
-            'is the error of the '
-            f'heading carried along the way, the rest the integrated error of the velocity.'
+            f'- {name}: {better} fits better, {law}. Of the position error at the end {100 * g["heading_share"]:.0f} '
+            f'% is the error of the heading carried along the way, the rest the integrated error of the velocity.'
         )
     report.text(
         'Fits of |error| of the position after 1 s, running maximum, and its two causes (`car_runs.growth`):',
@@ -192,9 +189,8 @@ def _growth(report: Report, runs: Sequence[CarRun], truth: Converged) -> dict[st
     ]
     report.text(
         f'The yaw rate is no integral and forgets: relative to its peak its error is {100 * ratio[0]:.2g} % in the '
-        'first half of the run '
-        f'and {100 * ratio[1]:.2g} % in the second. Nothing draws a car back to a heading or a place: these collect '
-        'what each sweep leaves.'
+        f'first half of the run and {100 * ratio[1]:.2g} % in the second. Nothing draws a car back to a heading or a '
+        f'place: these collect what each sweep leaves.'
     )
     return found
 
@@ -221,8 +217,7 @@ def _references(report: Report, runs: dict[str, CarRun], truth: Converged) -> di
     report.text('## Independent integrators')
     report.text(
         'Other equations (stabilised index 2, quaternions), other methods, other linear algebra, the same elements; '
-        'the '
-        f'first {best.t[n - 1]:g} s, which hold the first steering cycle. Largest differences:'
+        f'the first {best.t[n - 1]:g} s, which hold the first steering cycle. Largest differences:'
     )
     report.table('references', rows)
     return found

@@ -90,15 +90,12 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     levels = QUICK_LEVELS if quick else LEVELS
     report.text(
         f'Scene `{SCENE}`, its first {duration:g} s. The reference is extrapolated from runs at '
-        f'{_list([1e3 * h for h in levels])} ms '
-        f'(rho_inf 0.8, 4 iterations); its band, the distance to the extrapolation from the level before, is '
-        f'{1e3 * bands["position"]:.2g} mm and {100 * bands["tire_force"]:.2g} % of a tire force. Errors are the '
-        'largest distance of the '
-        'place of the chassis and the RMS error of the worst of twelve tire forces. Cost is that of stepping alone: '
-        'CPU time, median of '
-        f'{1 if quick else ROUNDS} rounds through all settings in one process, and evaluations of all forces. Only '
-        'differences between '
-        'settings mean something; the CPU time is that of one machine.'
+        f'{_list([1e3 * h for h in levels])} ms (rho_inf 0.8, 4 iterations); its band, the distance to the '
+        f'extrapolation from the level before, is {1e3 * bands["position"]:.2g} mm and '
+        f'{100 * bands["tire_force"]:.2g} % of a tire force. Errors are the largest distance of the place of the '
+        'chassis and the RMS error of the worst of twelve tire forces. Cost is that of stepping alone: CPU time, '
+        f'median of {1 if quick else ROUNDS} rounds through all settings in one process, and evaluations of all '
+        f'forces. Only differences between settings mean something; the CPU time is that of one machine.'
     )
     fronts = {(e, c): front(points, e, c) for e in ERRORS for c in COSTS}
     _picture(report, points, fronts)

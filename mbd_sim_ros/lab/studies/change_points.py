@@ -76,11 +76,10 @@ def outliers(rows: list[dict[str, Any]], slope: float) -> list[dict[str, Any]]:
 def _report(out: Path, rows: list[dict[str, Any]], count: int, seed: int) -> dict:
     report = Report(out, 'Change points and penalties')
     report.text(
-        f'{count} steps from {SHORTEST * 1e3:g} to {LONGEST * 1e3:g} ms (series {seed}) for every linkage and penalty. '
-        'The '
-        'error is that of a point of the crank at the end, against the exact motion. The trend is the median of error '
-        '/ h^2 '
-        f'of all ok runs of the linkage; a run is an outlier when its error is above {BEYOND:g} times the trend.'
+        f'{count} steps from {SHORTEST * 1e3:g} to {LONGEST * 1e3:g} ms (series {seed}) for every linkage and '
+        f'penalty. The error is that of a point of the crank at the end, against the exact motion. The trend is the '
+        f'median of error / h^2 of all ok runs of the linkage; a run is an outlier when its error is above {BEYOND:g} '
+        f'times the trend.'
     )
     table, silent = [], dict.fromkeys(PENALTIES, 0)
     for name in dict.fromkeys(row['linkage'] for row in rows):

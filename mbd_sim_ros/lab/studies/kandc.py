@@ -44,13 +44,11 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
     report = Report(out, 'Kinematics and compliance')
     report.text(
         'The chassis is held in its design position, the tires are off, the wheels are locked to their carriers; '
-        'travels, loads at the '
-        'contact points and the steering wheel are imposed, and every point is a static equilibrium '
-        '(`solver.analysis.kinematics_and_compliance`). Signs: toe-in positive, camber negative with the top inwards, '
-        'steer positive '
-        'to the left, travel positive in bump. Curves are of left wheels; '
-        'that the right ones mirror them is checked. A car without bushings has no compliance and gets no picture of '
-        'it but lines at rest.'
+        'travels, loads at the contact points and the steering wheel are imposed, and every point is a static '
+        'equilibrium (`solver.analysis.kinematics_and_compliance`). Signs: toe-in positive, camber negative with the '
+        'top inwards, steer positive to the left, travel positive in bump. Curves are of left wheels; that the right '
+        'ones mirror them is checked. A car without bushings has no compliance and gets no picture of it but lines at '
+        'rest.'
     )
     data: dict[str, Any] = {}
     for k, (name, far) in enumerate(CARS.items()):

@@ -38,10 +38,9 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
     report = Report(out, 'Levels of detail')
     report.text(
         'Every level of a vehicle drives the six maneuvers of `solver.levels.error_sheet` beside the whole vehicle, '
-        'both with steps of '
-        '1 ms. Errors are root mean squares over the run in parts of the peak of the whole vehicle, of the wheels that '
-        'with the largest. '
-        'What a level does not publish has no figure. What a step costs is measured by `mbd bench --cases car_levels`.'
+        'both with steps of 1 ms. Errors are root mean squares over the run in parts of the peak of the whole '
+        'vehicle, of the wheels that with the largest. What a level does not publish has no figure. What a step costs '
+        'is measured by `mbd bench --cases car_levels`.'
     )
     data: dict[str, Any] = {}
     levels = [level for level in JUDGED if level in LEVELS]

@@ -55,12 +55,10 @@ def study(out: Path, *, quick: bool, progress: Progress, n: int | None = None, s
     runs = [run for row in rows for run in row['runs']]
     report.text(
         f'{count} mechanisms (seed {seed}) of {len(FAMILIES)} families, {DURATION:g} s each, at '
-        f'{", ".join(f"{h * 1e3:g}" for h in STEPS)} '
-        'ms with default settings. A run is right when its largest error, looked at every '
-        f'{SAMPLE * 1e3:g} ms, is at most {WORSE:g} times what second order predicts from the other steps '
-        '(mbd_sim_ros.lab.mechanisms.judgement), told when it failed or is suspect, else silently wrong, or undecided '
-        'where two references '
-        'do not agree.'
+        f'{", ".join(f"{h * 1e3:g}" for h in STEPS)} ms with default settings. A run is right when its largest error, '
+        f'looked at every {SAMPLE * 1e3:g} ms, is at most {WORSE:g} times what second order predicts from the other '
+        f'steps (mbd_sim_ros.lab.mechanisms.judgement), told when it failed or is suspect, else silently wrong, or '
+        'undecided where two references do not agree.'
     )
     table = []
     for family in FAMILIES:

@@ -38,9 +38,8 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     penalties, steps, phases = (QUICK_PENALTIES, QUICK_STEPS, QUICK_PHASES) if quick else (PENALTIES, STEPS, PHASES)
     report = Report(out, 'Penalty and step')
     report.text(
-        f'Slider-crank with 26 constraints, {phases} starting phases (seed {crank.SEED}), {crank.DURATION:g} s each. A '
-        'run is lost when a '
-        'step fails or the mechanism leaves its branch. Errors are the largest of all phases.'
+        f'Slider-crank with 26 constraints, {phases} starting phases (seed {crank.SEED}), {crank.DURATION:g} s each. '
+        f'A run is lost when a step fails or the mechanism leaves its branch. Errors are the largest of all phases.'
     )
     theta = crank.phases(phases)
     angles = crank.exact_angles(theta, crank.slider_mass(), np.array([crank.DURATION]))[:, 0]
@@ -189,12 +188,9 @@ def _matrices(
             else '(not at the penalties seen here)'
         )
         + ': where that eigenvalue passes zero an increment has no bound. The matrix in use has A_e on both sides and '
-        'cannot do that; what '
-        'is left is the growth of an error from one iteration to the next, the spectral radius of 1 - (S + A_e^T W '
-        'A_e)^-1 (S + A_s^T W '
-        f'A_e). Its largest value within a step of theta = pi/2 (rho_inf {MATRIX_RHO:g}, S the inertia alone, speed of '
-        'the mechanism '
-        'there), by step and penalty:',
+        'cannot do that; what is left is the growth of an error from one iteration to the next, the spectral radius '
+        f'of 1 - (S + A_e^T W A_e)^-1 (S + A_s^T W A_e). Its largest value within a step of theta = pi/2 (rho_inf '
+        f'{MATRIX_RHO:g}, S the inertia alone, speed of the mechanism there), by step and penalty:',
     )
     report.table('growth', worst)
     powers = [_power(found, h) for h in steps]
@@ -210,20 +206,17 @@ def _matrices(
         'Where it exceeds 1 it grows with the penalty to the power '
         + (exponent or '(not seen here)')
         + ' (0.5 from theory: the free '
-        'direction is seen by a constraint with s = angle, and s_e (s_e - s_s) xi / (1 + xi s_e^2) is largest at s_e = '
-        'xi^(-1/2)), and '
-        'the places where it is large shrink with the same root: a small penalty leaves the free direction to its '
-        'inertia, a very large one is seldom met, and between the two it is a matter of phase whether a run meets '
-        'such a place. That is the erratic middle range. Above 1 from the penalty '
+        'direction is seen by a constraint with s = angle, and s_e (s_e - s_s) xi / (1 + xi s_e^2) is largest at s_e '
+        '= xi^(-1/2)), and the places where it is large shrink with the same root: a small penalty leaves the free '
+        'direction to its inertia, a very large one is seldom met, and between the two it is a matter of phase '
+        'whether a run meets such a place. That is the erratic middle range. Above 1 from the penalty '
         + ', '.join(f'{p:g} at {h * 1e3:g} ms' for h, p in onset.items() if np.isfinite(p))
         + f' (of those computed). At the penalty of the conserving setting, {own:g}, it is at most '
         f'{largest:.2g}. Runs lost at penalties from {MIDDLE[0]:g} to {MIDDLE[1]:g}, by scheme: '
         + ', '.join(f'{scheme} {count}' for scheme, count in lost.items())
         + '; damping (rho_inf < 1) takes a kick away that the undamped scheme carries on, which is why the default '
-        'setting can have '
-        f'{IntegratorSettings().penalty:g}. Smaller penalties do not enforce the constraints in the iterations there '
-        'are; larger ones lose '
-        'to rounding: '
+        f'setting can have {IntegratorSettings().penalty:g}. Smaller penalties do not enforce the constraints in the '
+        f'iterations there are; larger ones lose to rounding: '
         + ', '.join(f'{form} form {count}' for form, count in outside.items())
         + ' runs lost there (with redundant rows the block matrix tends to a singular one).',
     )

@@ -110,23 +110,17 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
     report = Report(out, 'Plans')
     report.text(
         'Every plan is made from nothing but its scene and what is required of it, and then held against maneuvers '
-        'that had no part in '
-        f'it, at least {LEAST_UNSEEN} of them, and against the cheapest setting of the grid (level, step, iterations, '
-        'damping) that keeps '
-        'the same limits on the same maneuvers by the same rule: on those that served to choose its errors of model, '
-        'step and iteration '
-        'do not add up to more than a limit, and on all its own error is within the limits. Of all that are cheaper '
-        'every one is tried. '
-        'Settings that keep the limits only because these errors cancel no plan may take; the last columns say how '
-        'much cheaper the '
+        f'that had no part in it, at least {LEAST_UNSEEN} of them, and against the cheapest setting of the grid '
+        f'(level, step, iterations, damping) that keeps the same limits on the same maneuvers by the same rule: on '
+        'those that served to choose its errors of model, step and iteration do not add up to more than a limit, and '
+        'on all its own error is within the limits. Of all that are cheaper every one is tried. Settings that keep '
+        'the limits only because these errors cancel no plan may take; the last columns say how much cheaper the '
         'cheapest is where they count too. Costs are CPU seconds per simulated second by counters. A plan knows '
-        'nothing of others of its '
-        'vehicle, and references on maneuvers that it has not seen are made anew from converged runs, finer than its '
-        'own. What it took is '
-        'CPU time, in full runs as a command (start of the program, of the scene, and all steps as the scene gives '
-        'them) and in steps of '
-        'the full run alone; levels that are derived once for the vehicle are not part of it. '
-        f'Made on {cores} core{"s" * (cores > 1)}; time is given for {CORES}.'
+        'nothing of others of its vehicle, and references on maneuvers that it has not seen are made anew from '
+        'converged runs, finer than its own. What it took is CPU time, in full runs as a command (start of the '
+        'program, of the scene, and all steps as the scene gives them) and in steps of the full run alone; levels '
+        f'that are derived once for the vehicle are not part of it. Made on {cores} core{"s" * (cores > 1)}; time is '
+        f'given for {CORES}.'
     )
     report.table('plans', [shown(wish, row) for wish, row in rows.items()])
     for wish, row in rows.items():

@@ -19,24 +19,18 @@ OURS = ('ALF', 'M-ALF')
 WITHOUT_CONSTRAINTS = 'MuJoCo'
 INTRODUCTION = (
     'Error: largest deviation of one coordinate (slider position or crank angle, change since the start) at '
-    'equidistant instants from the '
-    'reference. CPU time: of stepping alone, start and compilation left out, on one core; the shortest of several runs '
-    'for ours and '
-    'Exudyn. BDF, Radau and IDA integrate the same compiled model in the stabilised index-2 form (GGL), but with dense '
-    'matrices put '
-    'together in Python: their CPU time is that of this coupling and says little about the methods; their counters do.',
+    'equidistant instants from the reference. CPU time: of stepping alone, start and compilation left out, on one '
+    'core; the shortest of several runs for ours and Exudyn. BDF, Radau and IDA integrate the same compiled model in '
+    'the stabilised index-2 form (GGL), but with dense matrices put together in Python: their CPU time is that of '
+    'this coupling and says little about the methods; their counters do.',
     'Exudyn integrates a planar model without redundant constraints (its best case; ours is the spatial one with all '
-    'redundancies) by '
-    'generalized-alpha, rho 0.9, Newton tolerance 1e-8 and, "loose", 1e-4. Evaluations of Exudyn are its Newton '
-    'iterations. M-ALF has the '
-    'penalty that is, on the average of constraints, the default one of ALF.',
+    'redundancies) by generalized-alpha, rho 0.9, Newton tolerance 1e-8 and, "loose", 1e-4. Evaluations of Exudyn are '
+    'its Newton iterations. M-ALF has the penalty that is, on the average of constraints, the default one of ALF.',
     'MuJoCo takes part on the open chains (pendulum, double pendulum, ten rods). It describes them by the angles of '
-    'their hinges: no '
-    'constraint to keep, and a mass matrix of one, two and ten rows where ours has six coordinates a body. An '
-    'evaluation of it is its '
-    'forward dynamics with one factorization of that matrix; RK4 makes four in a step, its implicit integrators one. '
-    'Runs of more than '
-    '8 s of CPU are left out, and those of Exudyn with more than 50 000 steps.',
+    'their hinges: no constraint to keep, and a mass matrix of one, two and ten rows where ours has six coordinates a '
+    'body. An evaluation of it is its forward dynamics with one factorization of that matrix; RK4 makes four in a '
+    'step, its implicit integrators one. Runs of more than 8 s of CPU are left out, and those of Exudyn with more '
+    'than 50 000 steps.',
 )
 
 

@@ -38,12 +38,9 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     report = Report(out, 'Slider-crank through singular positions')
     report.text(
         f'Four bodies, 26 constraints, three redundant; start at theta = pi/4 with {crank.ENERGY:.6g} J, {duration:g} '
-        's, first step '
-        f'{H * 1e3:g} ms, rho_inf {COMMON["rho_inf"]:g}. A step that does not converge in {ITERATIONS} iterations is '
-        'halved, down to '
-        f'{COMMON["h_min"]:g} s. The slider is compared at the end with the equation of motion of one coordinate; its '
-        'mass of '
-        f'{crank.slider_mass():g} kg stands for the massless one.'
+        f's, first step {H * 1e3:g} ms, rho_inf {COMMON["rho_inf"]:g}. A step that does not converge in {ITERATIONS} '
+        f'iterations is halved, down to {COMMON["h_min"]:g} s. The slider is compared at the end with the equation of '
+        f'motion of one coordinate; its mass of {crank.slider_mass():g} kg stands for the massless one.'
     )
     progress('effective masses', 0.0)
     theta = np.linspace(0.0, 2 * np.pi, count)

@@ -130,8 +130,7 @@ def _names(penalties: Sequence[float]) -> str:
 
 def _said(run: CrankRun) -> str:
     return (
-        f'{run.outcome} after {run.until:g} s, smallest step {run.smallest_step * 1e3:.3g} ms, '
-        f'{run.iterations:.2f} '
+        f'{run.outcome} after {run.until:g} s, smallest step {run.smallest_step * 1e3:.3g} ms, {run.iterations:.2f} '
         'iterations per step'
     )
 
@@ -153,10 +152,8 @@ def _range(runs: dict[str, CrankRun], penalties: Sequence[float]) -> Claim:
             Part('none above', not any(p > 1e4 for p in good[''])),
         ),
         'At the first step throughout and with an energy error within the limit of the damped setting: condensed '
-        f'{_names(good[""])}; '
-        f'block {_names(good[", block"])}. On their branch at the end, with smaller steps where needed: condensed '
-        f'{_names(done[""])}; '
-        f'block {_names(done[", block"])}.',
+        f'{_names(good[""])}; block {_names(good[", block"])}. On their branch at the end, with smaller steps where '
+        f'needed: condensed {_names(done[""])}; block {_names(done[", block"])}.',
     )
 
 
@@ -195,11 +192,9 @@ def _excessive(runs: dict[str, CrankRun], conditions: list[dict[str, float]]) ->
             Part('none passes that is as ill-conditioned', bool(bad['']) and not spared),
         ),
         f'Step reduced, run lost or energy limit missed above 1e4: condensed {_names(bad[""])}; block '
-        f'{_names(bad[", block"])}. '
-        'Rounding times the smallest condition number of a failure (condensed): '
-        f'{f"{loss:.1e}" if bad[""] else "no failure"}; '
-        f'as ill-conditioned and good: {_names(spared)}. What a large penalty does beside a singular position: `mbd '
-        'study penalty_map`.',
+        f'{_names(bad[", block"])}. Rounding times the smallest condition number of a failure (condensed): '
+        f'{f"{loss:.1e}" if bad[""] else "no failure"}; as ill-conditioned and good: {_names(spared)}. What a large '
+        f'penalty does beside a singular position: `mbd study penalty_map`.',
     )
 
 

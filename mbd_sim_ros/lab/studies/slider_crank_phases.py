@@ -52,10 +52,8 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     report = Report(out, 'Slider-crank from any starting phase')
     report.text(
         f'{count} starting phases (seed {crank.SEED}), {crank.DURATION:g} s each, 26 constraints of which 3 are '
-        'redundant. The slider '
-        'position is compared after the whole time with the equation of motion of one coordinate, solved to 1e-12. '
-        'Errors are of runs '
-        'that ended on their branch; percentiles are over phases.'
+        'redundant. The slider position is compared after the whole time with the equation of motion of one '
+        'coordinate, solved to 1e-12. Errors are of runs that ended on their branch; percentiles are over phases.'
     )
     theta = crank.phases(count)
     angles = crank.exact_angles(theta, crank.slider_mass(), np.array([crank.DURATION]))[:, 0]
@@ -174,8 +172,7 @@ def _candidates(report: Report, theta: np.ndarray, angles: np.ndarray, progress:
     report.text(
         '## Candidates for the defaults',
         f'The first {CANDIDATE_PHASES} phases at all steps. Errors are the largest share of the limit of the damped '
-        'setting at any step '
-        f'up to 10 ms. Within all limits: {named}.',
+        f'setting at any step up to 10 ms. Within all limits: {named}.',
     )
     report.table('candidates', found)
     return found

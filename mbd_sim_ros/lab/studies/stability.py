@@ -41,13 +41,10 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     settings = IntegratorSettings()
     report.text(
         f'Default settings ({settings.step_policy} step, mode {settings.mode}, {settings.iterations} iterations, '
-        'rho_inf '
-        f'{settings.rho_inf:g}, penalty {settings.penalty:g}) unless an axis says otherwise. A run is right when its '
-        'error is at most '
-        f'{WORSE:g} times what second order predicts from the other steps of its line '
-        '(mbd_sim_ros.lab.mechanisms.judgement), '
-        'told when it fails, is refused or is '
-        'suspect, else silently wrong; undecided where references do not agree.'
+        f'rho_inf {settings.rho_inf:g}, penalty {settings.penalty:g}) unless an axis says otherwise. A run is right '
+        f'when its error is at most {WORSE:g} times what second order predicts from the other steps of its line '
+        '(mbd_sim_ros.lab.mechanisms.judgement), told when it fails, is refused or is suspect, else silently wrong; '
+        'undecided where references do not agree.'
     )
     cells = Cells(out / 'cells', SOURCES)
     lines = _maps(report, cells, quick, lambda t, x: progress(t, 0.35 * x))
@@ -202,10 +199,8 @@ def _counted(report: Report, cells: Cells, quick: bool, progress: Progress) -> d
     report.text(
         '## Singular passages',
         f'The slider-crank with equal rods from {p.PHASES} starting angles (seed of the series '
-        f'{stability_passages.crank.SEED}), '
-        'as often through its singular positions as the table says; the angle between rod and crank is -2 times that '
-        'of the crank as long '
-        'as it is on its branch.',
+        f'{stability_passages.crank.SEED}), as often through its singular positions as the table says; the angle '
+        'between rod and crank is -2 times that of the crank as long as it is on its branch.',
     )
     report.table(
         'passages',
@@ -231,8 +226,7 @@ def _counted(report: Report, cells: Cells, quick: bool, progress: Progress) -> d
     report.text(
         '## Linkages of many loops',
         f'`four_bar_n`, {p.LOOP_DURATION:g} s, {len(p.LOOP_STEPS)} steps from 1 to 20 ms in geometric progression; '
-        'energy errors are over '
-        'loops h^2 [J/s^2].',
+        'energy errors are over loops h^2 [J/s^2].',
     )
     rows = []
     for row in loops:

@@ -35,12 +35,9 @@ def write(
     steps = ', '.join(f'{1e3 * h:g}' for h in truth.steps)
     report.text(
         f'Scene `{scene.name}`, {scene.duration:g} s. Every setting is compared with the converged full vehicle, the '
-        'Richardson '
-        f'limit of steps of {steps} ms. Errors are RMS in % of the peak of each quantity; the parts of the model, of '
-        'the step and of the '
-        'iteration are measured one by one and may cancel in the whole. Cost is CPU time of one core per simulated '
-        'second, one setting at '
-        'a time.'
+        f'Richardson limit of steps of {steps} ms. Errors are RMS in % of the peak of each quantity; the parts of the '
+        f'model, of the step and of the iteration are measured one by one and may cancel in the whole. Cost is CPU '
+        'time of one core per simulated second, one setting at a time.'
     )
     report.text('## Reference')
     report.table(

@@ -54,21 +54,17 @@ def _introduce(
     figures = sum(len(rows) for _, rows, _ in found)
     within = sum(j.limiting <= j.limit for j in judged)
     report.text(
-        f'{len(found)} cases, {figures} published values and vectors. Ours are runs with the default integrator at the '
-        'step h of the '
-        'case, h/2 and h/4. "Small steps" is what the last two extrapolate to (second order). It is this that a '
-        'published figure is '
-        'compared with, and the limit of the departure is the accuracy of what is published: its last digit, or the '
-        'error of the code it '
-        'comes from where that is larger. The order is that of our own three runs, log2 of |y(h) - y(h/2)| over '
-        '|y(h/2) - y(h/4)|; a dash '
-        'where they do not depend on the step.',
+        f'{len(found)} cases, {figures} published values and vectors. Ours are runs with the default integrator at '
+        f'the step h of the case, h/2 and h/4. "Small steps" is what the last two extrapolate to (second order). It '
+        'is this that a published figure is compared with, and the limit of the departure is the accuracy of what is '
+        'published: its last digit, or the error of the code it comes from where that is larger. The order is that of '
+        'our own three runs, log2 of |y(h) - y(h/2)| over |y(h/2) - y(h/4)|; a dash where they do not depend on the '
+        'step.',
         'How accurate published figures are is seen where one motion was computed several times: the heights of the '
         'pendulum of '
         f'{_names(published_joints.SAME)} differ by up to {published_joints.spread():.2g} m in the results of Adams.',
-        f'{within} of {len(judged)} quantities are within their limits. {len(inside)} of {len(orders)} observed orders '
-        'lie between '
-        f'{SECOND[0]} and {SECOND[1]}; the median is {np.median(orders):.2f}.',
+        f'{within} of {len(judged)} quantities are within their limits. {len(inside)} of {len(orders)} observed '
+        f'orders lie between {SECOND[0]} and {SECOND[1]}; the median is {np.median(orders):.2f}.',
     )
 
 

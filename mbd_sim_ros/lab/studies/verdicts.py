@@ -150,15 +150,11 @@ def _report(out: Path, rows: list[dict[str, Any]], count: int, seed: int) -> dic
     report.text(
         f'{count} mixtures (series {seed}) of {len(set(PARTS))} parts, {DURATION:g} s each, at '
         f'{", ".join(f"{h * 1e3:g}" for h in STEPS)} ms with default settings, judged as `mbd run` does. The error is '
-        'the '
-        f'largest, of any body every {SAMPLE * 1e3:g} ms: of the place of its centre of mass, over the farthest that '
-        'one '
-        'gets from where it began, or of its orientation, over the farthest that one turns from its first orientation. '
-        f'A reference exists where its solutions with tolerances of {TIGHT:g} and {LOOSE:g} and one from a start that '
-        'is '
-        f'changed by {CHANGE:g} agree within {AGREED:g} of that: for {exist} mixtures; {calm} of them multiply a '
-        'change of '
-        f'the start by at most {CALM:g} within the run.'
+        f'the largest, of any body every {SAMPLE * 1e3:g} ms: of the place of its centre of mass, over the farthest '
+        f'that one gets from where it began, or of its orientation, over the farthest that one turns from its first '
+        f'orientation. A reference exists where its solutions with tolerances of {TIGHT:g} and {LOOSE:g} and one from '
+        f'a start that is changed by {CHANGE:g} agree within {AGREED:g} of that: for {exist} mixtures; {calm} of them '
+        f'multiply a change of the start by at most {CALM:g} within the run.'
     )
     total = line('all', runs)
     table = [line(f'{h * 1e3:g} ms', [one for one in runs if one['h'] == h]) for h in STEPS]

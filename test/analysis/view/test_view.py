@@ -224,9 +224,8 @@ def test_the_page_draws_what_the_pictures_do(car: Path, tmp_path: Path):
     assert 'http' not in page.replace('http://www.w3.org', '')  # it needs no network
     k = len(motion.time) - 2
     probe = (
-        '<script>const r = view.data.runs[0];'
-        f'document.body.dataset.drawn = JSON.stringify(view.drawn(r, view.at(r, r.time[{k}]), false).map(x => '
-        'x[2]));</script></html>'
+        f'<script>const r = view.data.runs[0];document.body.dataset.drawn = JSON.stringify(view.drawn(r, view.at(r, '
+        f'r.time[{k}]), false).map(x => x[2]));</script></html>'
     )
     (tmp_path / 'probe.html').write_text(page.replace('</html>', probe))
     home = ['--user-data-dir=' + str(tmp_path / 'profile'), '--window-size=1280,760', '--virtual-time-budget=2000']
