@@ -1,4 +1,7 @@
-"""Running a simulation as fast as it goes, recorded like the node records it."""
+"""Running a simulation as fast as it goes, recorded like the node records it.
+
+The file is long because a run, its recording, its error bar and its failure share one loop of steps.
+"""
 
 from __future__ import annotations
 
@@ -261,17 +264,23 @@ def simulate(
 ) -> dict[str, Any]:
     """Advance to step `steps`, from the start or from a saved state, and return the figures of the run.
 
-    directory: where to record (None: not at all). source: of the inputs; None is the maneuver of the scene. progress:
-    show a bar if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time.
-    state: of Simulation.save(). from_start: record the state at the beginning too. frame_prefix, parameters: as
-    record() takes them. looking_back: a run that fails leaves in its recording another one, `last_steps`: the last LAST
-    steps at least, every one, from a saved state on, so that `mbd replay` can start again from just before. error: make
-    a twin with another step, which tells the numerical error (solver.analysis.error_bar), for half the steps again; of
-    a run from the start by its own maneuver. `status` is 'ok' or 'suspect', `findings` say why, `covered` what the
-    certificate of a plan covers (solver.analysis.certificate_coverage), `explaining` what the error decides in place
-    of; `errors` and `error_text` are that; `passed` is false where the scene does not allow what was found. A recording
-    is always closed, with the verdict or what ended the run. Raises StepError, BagError, and KeyboardInterrupt(sentence
-    to show, signal number) between two steps.
+    directory: where to record; None records nothing.
+    source: gives the inputs; None takes the maneuver of the scene.
+    progress: show a bar if stderr is a terminal.
+    balance: follow energy and momentum by element kind, which costs time.
+    state: bytes of Simulation.save() to start from. from_start: record the state at the beginning too.
+    frame_prefix, parameters: as record() takes them.
+    looking_back: a run that fails leaves a second recording, `last_steps`. It has every step of the last LAST at least,
+    and begins with a saved state, so that `mbd replay` can start just before the failure.
+    error: measure the numerical error by a twin with another step (solver.analysis.error_bar). The twin costs half the
+    steps again; it is made only of a run from the start by its own maneuver.
+
+    The figures have `status` ('ok' or 'suspect'), `findings` with the reasons, `covered` with findings that the
+    certificate of a plan covers (solver.analysis.certificate_coverage), `explaining` with findings in whose place the
+    error decides, `errors` and `error_text`. `passed` is false where the scene does not allow what was found.
+
+    A recording is always closed, with the verdict or with what ended the run. Raises StepError, BagError, and
+    KeyboardInterrupt(sentence to show, signal number) between two steps.
     """
     measured = error and state is None and source is None
     with tqdm(

@@ -1,5 +1,8 @@
 """Scene: what is simulated, how it starts, what drives it, how it is integrated, recorded and judged, as data. Format:
-docs/scene.md."""
+docs/scene.md.
+
+The file is long because it lists every key of a scene, with its unit, its bounds and its meaning.
+"""
 
 from __future__ import annotations
 

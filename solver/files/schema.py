@@ -18,6 +18,8 @@ Nothing is guessed from how YAML 1.1 reads a word: a scalar is interpreted by th
                                   the number
 
 Every refusal is a SceneError of one sentence: file:line: dotted.path = value: what is allowed.
+
+The file is long because every kind of hint has its reader here, and all refusals are made of the same place.
 """
 
 from __future__ import annotations

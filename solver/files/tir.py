@@ -6,6 +6,8 @@ coefficients are dimensionless (angles in rad). Nothing is dropped silently: wha
 of another version of the formula too, is kept in `extra`, what was made of a value is told in `notes`
 (solver.files.tire_receipt). Format reference: MF-Tyre/MF-Swift manuals (TNO); the PAC2002 files of Adams and Chrono
 have the coefficients of MF 5.2.
+
+The file is long by its tables: names, units and versions that files of tires may have.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 The account has the energy balance: energy stored, dissipated, supplied, and its error; the energy that was exchanged,
 as a measure for that error; and the largest residuals, with time and place. The exchanged energy is the integral of the
 magnitudes of all powers, dissipated by elements or supplied by inputs, plus the ranges of kinetic and potential energy.
+
+The file is long because all of the account is kept in one pass over the bodies, a kernel that others do not share.
 """
 
 from __future__ import annotations

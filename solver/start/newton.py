@@ -2,6 +2,8 @@
 
 All of them are Newton iterations on the same saddle system as the step (solver.model.saddle), in its n x n form with
 repeated augmentation [Bayo1996], so redundant constraints are harmless here too.
+
+The file is long because positions, velocities and accelerations are found by one system, whose parts they share.
 """
 
 from __future__ import annotations

@@ -16,6 +16,9 @@ without failure bound the rate of failures by 1 - 0.05^(1/n) with 95 % confidenc
 
 A plan may take TIMES times the CPU time of the full run: the scene as it is given, with all of its vehicle. What its
 runs were made for is in its ledger.
+
+The file is long because a plan is one search: all of its steps share the allowance, the ledger and what is known so
+far. What can be asked without them has its own file (judging, origins, elsewhere).
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ links.
 A template function returns `Parts`, the fields of ModelSpec it contributes to; `joined` adds them up. Lengths and
 directions are given for the left side, in the design frame of solver.vehicle.hardpoints; the right side is mirrored.
 Every connection has two forms: with the data of a bushing it is a BushingSpec, without it is an ideal joint.
+
+The file is long because it holds all parts that axles are composed of, each a few lines.
 """
 
 from __future__ import annotations
