@@ -273,22 +273,22 @@ def _note_gyration(J, R, a, w, across, share, body, spacing, parts, account):
     the precession (solver.checks.resolution). An axis is never further off than its path is wide: one that has missed
     so much misses no more.
     """
-    square, momentum, torque = dot(a, a), mv(J, w), mv(J, a)
-    h = parts * spacing
-    sideways = cross(w, a)
-    turn = max(parts * parts * across, h * h * dot(sideways, sideways)) / square if square > 0.0 else 0.0  # x^2
-    size, b = dot(momentum, momentum) ** 0.5, dot(torque, torque) ** 0.5
-    if not (turn > 0.0 and size > 0.0):
+    square, spin, sideways, momentum = dot(a, a), dot(w, w), cross(w, a), mv(J, w)
+    h, size = parts * spacing, dot(momentum, momentum)
+    bent = max(parts * parts * across, h * h * dot(sideways, sideways))
+    if not (bent > 0.0 and square > 0.0 and size > 0.0):
         return
-    spin = dot(w, w)
-    known, axis = account.axis[body], scale(spin**-0.5, mv(R, w))
+    known, axis = account.axis[body], scale(1.0 / spin**0.5, mv(R, w))
     if known[0] == 0.0 and known[1] == 0.0 and known[2] == 0.0:
         known[0], known[1], known[2] = axis
     away = sub(axis, (known[0], known[1], known[2]))
-    known[3] = max(known[3], dot(away, away) ** 0.5)
+    if dot(away, away) > known[3] * known[3]:
+        known[3] = dot(away, away) ** 0.5
     if not account.astray[0] < known[3]:
         return
-    own = (b / size + 0.5 * dot(sideways, sideways) ** 0.5 / spin) * h  # turn of the axis in a step
+    torque, turn = mv(J, a), bent / square  # turn: x^2
+    b = dot(torque, torque) ** 0.5
+    own = (b / size**0.5 + 0.5 * dot(sideways, sideways) ** 0.5 / spin) * h  # turn of the axis in a step
     missed = own * share * turn / 12.0
     if account.swayed[0] > 0.0:
         missed = min(missed, h * h * b * (turn * square) ** 0.5 / (24.0 * account.swayed[0]))

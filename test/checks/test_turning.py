@@ -80,11 +80,14 @@ def test_a_free_rotor_whose_axis_goes_far_round_is_told(across: float, wobble: f
 def test_a_rotor_turns_as_far_as_it_likes_about_an_axis_that_stays(spin: float, order: dict[str, Any]) -> None:
     """It is exact, its joint's angle with all its turns too: of 5 rad in a step the nearest angle to the one before is
     one turn less."""
-    if order and spin == 5000.0:
-        pytest.skip('2.5 rad in a half step: the iteration of undamped steps keeps what rounding makes of it')
     rotor = {'mass': 1, 'inertia': [0.01, 0.02, 0.01], 'angular_velocity': [0, spin, 0]}
     axle = {'kind': 'revolute', 'i': 'world', 'j': 'r', 'at': [0, 0, 0], 'axis': [0, 1, 0]}
     s = run({'bodies': {'r': rotor}, 'joints': {'a': axle}}, 2.0, 1e-3, **order)
+    if (
+        order and spin == 5000.0
+    ):  # 2.5 rad in a half step: undamped steps keep what rounding makes of it, and the run says so
+        assert 'phase' in told(s)
+        return
     assert s.snapshot().joint_position[0] == pytest.approx(2.0 * spin, rel=1e-12)
     assert not findings(s)
 
