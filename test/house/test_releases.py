@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import runpy
+import subprocess
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -15,13 +16,12 @@ RELEASE = re.compile(r'^(\d+\.\d+\.\d+) \((\d{4}-\d\d-\d\d)\)\n-+$', re.MULTILIN
 
 
 def built() -> dict:
-    """What setup.py says."""
+    """What setup.py says: its names, and what it gives to setup."""
     found: dict = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr('setuptools.setup', lambda **options: found.update(options))
         patch.chdir(ROOT)
-        runpy.run_path(str(ROOT / 'setup.py'))
-    return found
+        return runpy.run_path(str(ROOT / 'setup.py')) | found
 
 
 def manifest() -> str:
@@ -49,3 +49,9 @@ def test_the_changelog_descends_and_has_no_list_of_what_is_to_come() -> None:
     assert len(forthcoming.splitlines()) < 40, (
         'give what has come a version: setup.py, package.xml, CITATION.cff, CHANGELOG.rst'
     )
+
+
+def test_continuous_integration_tries_every_package_that_kernels_are_compiled_with() -> None:
+    """The script reads setup.py as text: it runs before anything is installed."""
+    found = subprocess.run([ROOT / '.ci/ends', 'packages'], capture_output=True, text=True, check=True).stdout
+    assert found.split() == built()['COMPILED_WITH']
