@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 from collections.abc import Callable
 from typing import Any, cast, final
 
@@ -20,7 +19,7 @@ from solver.inputs.assistance import Feel, feel_of
 from solver.inputs.maneuver import ManeuverSource
 from solver.inputs.recorded import RecordedSource
 from solver.inputs.sources import Sources
-from solver.model.state import FORMAT, State, fitting, load_arrays, require_format, step_of
+from solver.model.state import FORMAT, Saved, State, fitting, require_format, step_of
 from solver.model.tables import Model
 from solver.output.branches import BranchSwitch, BranchWatch
 from solver.output.snapshot import NO_STEPS, Channels, Counters, Snapshot
@@ -71,6 +70,7 @@ class Simulation:
         )  # fmt: skip
         self._require_followed()
         self._applied: np.ndarray | None = None
+        self._restored: Saved | None = None  # from bytes of a file, for the next time
         inputs = np.array(self.sources.reset(), float)
         if like is None:
             self.start = self.engine.start(inputs)
@@ -204,37 +204,38 @@ class Simulation:
     def snapshot(self) -> Snapshot:
         """The outputs of the last step, as a copy; after a failure those of the last call of advance() that
         succeeded."""
+        self._shown.current()
         return Snapshot(self.k, self.t_ns, self._shown.numbers.copy(), self._shown.layout, self._counters)
 
     # -- state and reports --------------------------------------------------------------------------------------------
 
     def save(self) -> bytes:
         """Everything the future depends on, and what the run so far is judged by, as bytes for restore()."""
-        file = io.BytesIO()
         envelope = {'inputs': self._inputs, 'audit': self._shown.account.numbers, 'totals': np.array(self._totals)}
-        np.savez(
-            file,
-            format=np.array(FORMAT),
-            k=np.int64(self.k),
-            **self.engine.arrays(),  # type: ignore[arg-type]
-            **envelope,  # type: ignore[arg-type]
-            **self.sources.memory(),  # type: ignore[arg-type]
-        )
-        return file.getvalue()
+        head = {'format': np.array(FORMAT), 'k': np.array(self.k, np.int64)}
+        return Saved.of({**head, **self.engine.arrays(), **envelope, **self.sources.memory()})
 
     def restore(self, data: bytes, *, elsewhere: bool = False) -> None:
         """Continue from save(). elsewhere: it is that of another scene of the vehicle. Raises SpecError if it belongs
-        to another model, or another version saved it."""
-        saved = load_arrays(data)
+        to another model, or another version saved it.
+
+        What save() returned holds its arrays in memory, which are copied; outputs are evaluated when somebody looks at
+        them, and kept with it for the next time.
+        """
+        if not isinstance(data, Saved):
+            if self._restored is None or self._restored != data:
+                self._restored = Saved(data)
+            data = self._restored
+        saved = data.arrays
         k = step_of(saved.get('k'))
         require_format(saved, 'restore: the saved state')
         take_up = self.engine.fit(saved, k)
-        inputs = fitting('inputs', saved.get('inputs'), self._inputs)
+        inputs = fitting('inputs', saved.get('inputs'), self._inputs).copy()
         totals = Counters.of(fitting('totals', saved.get('totals'), np.zeros(len(NO_STEPS))))
         self.sources.recall(saved, inputs, elsewhere=elsewhere)
         self.k, self.displaced = k, True
         self._inputs, self._totals = inputs, totals
-        take_up(inputs)
+        take_up(inputs, data.shown)
 
     def __reduce__(self) -> tuple:
         """As its scene and save(): another process compiles the model anew, finds the same start, and goes on with the
@@ -262,6 +263,7 @@ class Simulation:
     @property
     def last_step(self) -> LastStep:
         """Data that the last step worked with."""
+        self._shown.current()
         return self._shown.last_step()
 
     @property
@@ -290,6 +292,7 @@ class Simulation:
                 "fidelity = 'single_track': this looks at the bodies of a model, and the level has none; take another "
                 'level'
             )
+        self._shown.current()
         return self._shown
 
     @property

@@ -13,7 +13,7 @@ every vehicle.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -36,6 +36,10 @@ class Moved(NamedTuple):
     failure: str = ''
 
 
+# Outputs of a saved state, by what shows them (solver.model.state.Saved.shown).
+Kept = MutableMapping[Any, Sequence[np.ndarray]]
+
+
 class Shown(Protocol):
     """Data behind the outputs of an engine: model, present state and account. Bodies are one such class; the single
     track has its own."""
@@ -48,6 +52,9 @@ class Shown(Protocol):
     @property
     def account(self) -> Account:
         """The running account."""
+
+    def current(self) -> None:
+        """Evaluate the outputs of the present state where that has been left until somebody looks."""
 
     def sight(self) -> Sight:
         """Motion of the vehicle that a driver sees now."""
@@ -112,9 +119,9 @@ class Engine(Protocol):
     def arrays(self) -> dict[str, np.ndarray]:
         """Everything the future depends on beside time, inputs and account, and what a run is judged by, for fit()."""
 
-    def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray], None]:
-        """Function that takes up the arrays() of step k, given the inputs (nu,) then. Raises SpecError where they are
-        of another model."""
+    def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray, Kept], None]:
+        """Function that takes up the arrays() of step k, given the inputs (nu,) then, and outputs that have been
+        evaluated before. Raises SpecError where they are of another model."""
 
     def reached(self) -> dict[str, tuple[float, float | None]]:
         """Quantities that the limits of a level are about -> the largest value so far, and its time [s] where it has

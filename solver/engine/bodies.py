@@ -4,7 +4,7 @@ bodies."""
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -74,6 +74,9 @@ class Bodies:
         self._frame = Ref(frame)
         self.states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial, self._consistent = new_state(self.model), new_state(self.model)
+        self._first: tuple[bytes, list[np.ndarray]] | None = None  # inputs and outputs of the start
+        # inputs of a state that was taken up and not looked at, and where its outputs are kept
+        self._due: tuple[np.ndarray, MutableMapping[Any, Sequence[np.ndarray]]] | None = None
         watched = scene.record.branches or BRANCH_SWITCHES.require in scene.require.limits
         self.branches = BranchWatch() if watched else None
         self.rescued: list[BranchSwitch] = []
@@ -101,6 +104,7 @@ class Bodies:
             self.scene, self.model, self.states, values, u, chassis=self.chassis, work=self.work, explain=explain
         )  # fmt: skip
         found = conditions.find()
+        self._first = None
         copy_state(conditions.consistent, self._consistent)
         copy_state(self.state, self._initial)
         self._know_slow()
@@ -110,6 +114,7 @@ class Bodies:
         """Take the start that other bodies of the same model have found; the integrator begins from it with the step of
         these."""
         values = cast(Scheme, self.scheme.value)
+        self._first = None
         copy_state(other._consistent, self._consistent)
         copy_state(other._consistent, self.state)
         ConsistentState(self.model).start_integrator(self.state, u, values.h, values.am, values.af)
@@ -128,9 +133,55 @@ class Bodies:
         """Back to the state that start() found."""
         copy_state(self._initial, self.state)
         self.rescued.clear()
+        self._due = None
+
+    def show_start(self, u: np.ndarray) -> None:
+        """As show() at the state that start() found, whose outputs are evaluated once."""
+        if self._first is None or self._first[0] != u.tobytes():
+            self.show(u)
+            self._first = u.tobytes(), [array.copy() for array in (*self._visible, self.account.numbers)]
+        for array, kept in zip((*self._visible, self.account.numbers), self._first[1], strict=True):
+            np.copyto(array, kept)
+
+    def show_later(self, u: np.ndarray, kept: MutableMapping[Any, Sequence[np.ndarray]]) -> None:
+        """The current state under the inputs u (nu,) is shown when somebody looks; the account stands. kept: where its
+        outputs are found, or kept."""
+        self._due = u.copy(), kept
+        self.work.u_before[:] = u
+
+    @property
+    def due(self) -> bool:
+        """True where the outputs are not those of the present state yet."""
+        return self._due is not None
+
+    def overtaken(self) -> None:
+        """A step shows another state than that which was left until somebody looks."""
+        self._due = None
+
+    def current(self) -> None:
+        """Evaluate the outputs of the present state where that has been left until somebody looks."""
+        if self._due is None:
+            return
+        (u, kept), self._due = self._due, None
+        if self not in kept:
+            account = self.account.numbers.copy()
+            self.show(u)
+            self.account.numbers[:] = account
+            kept[self] = [array.copy() for array in self._visible]
+        for array, copy in zip(self._visible, kept[self], strict=True):
+            np.copyto(array, copy)
+
+    @property
+    def _visible(self) -> tuple[np.ndarray, ...]:
+        """Everything that show() assigns but the account."""
+        w, kin = self.work, self.work.kin_end
+        motion = (kin.R, kin.p, kin.v, w.v_out, w.a_out, w.lam_out)
+        rows = (w.phi_end, w.J_end, w.phi_t, w.phi_tt)
+        return (*motion, *rows, w.f, w.z_stage, w.u_before, self.outputs, self.numbers)
 
     def show(self, u: np.ndarray) -> None:
         """Show the current state under the inputs u (nu,) where no step has led to it; the energy account begins."""
+        self._due = None
         w, t, s, kin = self.work, self.model.tables, self.state, self.kin
         fill_kinematics(s.q, s.v, kin)
         evaluate_constraints(t, kin, s.angle, u, True, w.phi_end, w.J_end)
@@ -205,6 +256,7 @@ class Bodies:
 
         def take_up() -> None:
             copy_state(state, self.state)
+            self._due = None
             self.rescued[:] = past
             self.branches = watch
 

@@ -9,10 +9,11 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import address_of
-from solver.engine import Moved, instant
+from solver.engine import Kept, Moved, instant
 from solver.engine.bodies import Bodies
 from solver.errors import SpecError
 from solver.model.saddle import CONDENSED, new_saddle
+from solver.model.state import State, copy_state
 from solver.output.branches import BranchSwitch
 from solver.output.snapshot import NO_STEPS
 from solver.scene import Scene
@@ -69,7 +70,9 @@ class Stepping:
     def reset(self, u: np.ndarray) -> None:
         """Back to the start, bit for bit."""
         self.shown.reset()
-        self._show(u)
+        if self.shown.branches is not None:
+            self.shown.branches.reset()
+        self.shown.show_start(u)
         if self.adaptation is not None:
             self.adaptation.start(self.shown.state)
 
@@ -96,6 +99,7 @@ class Stepping:
         looks = audit and bodies.branches is not None
         part = 1 if looks else n
         total, done = NO_STEPS, 0
+        begin = State(*map(np.copy, bodies.state)) if bodies.due else None
         while done < n:
             if adaptation is not None:
                 result, steps = adaptation.advance(
@@ -112,15 +116,25 @@ class Stepping:
                 last[:] = inputs if held else inputs[done - 1]
             total = result.counters if total is NO_STEPS else total.followed_by(result.counters)
             if result.status != OK:
-                return Moved(
-                    done, total, bodies.failure(result, instant(self.scene, k + done), inputs[0 if held else done])
-                )
+                why = bodies.failure(result, instant(self.scene, k + done), inputs[0 if held else done])
+                if begin is not None and done:
+                    self._show_as_before(begin)
+                return Moved(done, total, why)
             if steps < part:  # somebody asks for an end
                 self.show(k + done, last)
                 break
             if looks:
                 bodies.look((k + done) * self.scene.integrator.h_ns * 1e-9)
+        if done:
+            bodies.overtaken()
         return Moved(done, total)
+
+    def _show_as_before(self, begin: State) -> None:
+        """After a failure outputs stay those before the call, here of a state that nobody has looked at."""
+        now = State(*map(np.copy, self.shown.state))
+        copy_state(begin, self.shown.state)
+        self.shown.current()
+        copy_state(now, self.shown.state)
 
     def _look_at_rescue(self, k: int, u: np.ndarray) -> None:
         """Note whether the steps that replaced one that failed, up to step k of the grid, left on another branch than
@@ -136,7 +150,7 @@ class Stepping:
         adapted = {} if self.adaptation is None else {**self.adaptation.memory(), **self.adaptation.past()}
         return {**self.shown.arrays(), **adapted}
 
-    def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray], None]:
+    def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray, Kept], None]:
         """See Engine.fit()."""
         adapted = 'adaptation' in saved and not is_idle(dict(saved), self._h, self.shown.scheme.penalty)
         if self.adaptation is None and adapted:
@@ -146,14 +160,15 @@ class Stepping:
             )
         bodies = self.shown.fit(saved)
 
-        def take_up(u: np.ndarray) -> None:
+        def take_up(u: np.ndarray, kept: Kept) -> None:
             bodies()
-            self.shown.show(u)
             self.shown.account.numbers[:] = saved['audit']
+            self.shown.show_later(u, kept)
             if self.adaptation is not None:
                 if 'adaptation' in saved:
                     self.adaptation.recall(dict(saved), k * self.scene.integrator.h_ns * 1e-9)
-                else:
+                else:  # which begins with the velocity that is shown
+                    self.shown.current()
                     self.adaptation.start(self.shown.state, k)
 
         return take_up

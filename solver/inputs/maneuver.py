@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -234,6 +235,10 @@ class ManeuverSource:
 
     def at_start(self) -> np.ndarray:
         """(nu,) inputs at t = 0; see Maneuver.inputs_at_start."""
+        return self._at_start.copy()
+
+    @cached_property
+    def _at_start(self) -> np.ndarray:
         u = self.maneuver.inputs_at_start(self.names)
         hold(u[None, :], self.names, self.lock)
         return u

@@ -12,7 +12,7 @@ from solver.compiled.by_reference import Ref, nbytes
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import CurvedGrid, HeightGrid, RandomRoad, RasterGrid, compile_road, surface_at
 from solver.elements.tread import give_of
-from solver.engine import Moved, instant
+from solver.engine import Kept, Moved, instant
 from solver.engine.stepping import KINDS
 from solver.errors import ConsistencyError, SpecError
 from solver.files.urdf import robot_description
@@ -303,6 +303,9 @@ class SingleTrack:
         )
         return Moved(done, counters, late if status == 2 else '')
 
+    def current(self) -> None:
+        """Nothing to do: the state is shown after every step."""
+
     def sight(self) -> Sight:
         """Motion of the vehicle that a driver sees now."""
         pose = self._frame.pose[0]
@@ -325,7 +328,7 @@ class SingleTrack:
         w = self._scratch
         return {'single_track': self.y, 'reached': w.reached, 'steered': w.steered, 'slippery': self._slippery}
 
-    def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray], None]:
+    def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray, Kept], None]:
         """See Engine.fit()."""
         if 'single_track' not in saved or saved['single_track'].shape != self.y.shape:
             raise SpecError('restore: the saved state is of another model than this one of level single_track')
@@ -334,7 +337,7 @@ class SingleTrack:
             fitting(name, saved.get(name), array)
         slippery = fitting('slippery', saved.get('slippery'), self._slippery)
 
-        def take_up(u: np.ndarray) -> None:
+        def take_up(u: np.ndarray, _: Kept) -> None:
             self.y[:] = saved['single_track']
             self.begin(k, u)
             self.y[:] = saved['single_track']  # what was lost so far is part of it

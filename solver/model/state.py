@@ -6,8 +6,9 @@ import io
 import struct
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, MutableMapping, Sequence
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -25,6 +26,33 @@ MOST = 1 << 26  # bytes of a saved state
 # Format of saved states, the array `format` in them. It grows by one when an array comes, goes or means something else.
 # A state without it is of mbd_sim_ros 0.1 (format 1).
 FORMAT = 3
+
+
+class Saved(bytes):
+    """A saved state: its bytes, and in memory what restore() would have to make of them each time.
+
+    arrays: those that the bytes hold, not to be written. shown: by what shows them, the outputs of that state. Both are
+    left behind where the bytes go to a file or another process. Raises SpecError where the bytes are damaged.
+    """
+
+    arrays: Mapping[str, np.ndarray]
+    shown: MutableMapping[Any, Sequence[np.ndarray]]
+
+    def __new__(cls, data: bytes, arrays: Mapping[str, np.ndarray] | None = None) -> Saved:
+        saved = super().__new__(cls, data)
+        saved.arrays = load_arrays(data) if arrays is None else arrays
+        saved.shown = WeakKeyDictionary()
+        return saved
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, np.ndarray]) -> Saved:
+        """The arrays as they are now."""
+        file, copies = io.BytesIO(), {name: np.array(array) for name, array in arrays.items()}
+        np.savez(file, **copies)  # type: ignore[arg-type]
+        return cls(file.getvalue(), copies)
+
+    def __reduce__(self) -> tuple:
+        return bytes, (bytes(self),)
 
 
 class State(NamedTuple):

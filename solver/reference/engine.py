@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.engine import Moved, instant
+from solver.engine import Kept, Moved, instant
 from solver.engine.bodies import Bodies
 from solver.errors import SpecError, StepError
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces
@@ -131,11 +131,11 @@ class Following:
         """Those of its bodies."""
         return self.shown.arrays()
 
-    def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray], None]:
+    def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray, Kept], None]:
         """See Engine.fit()."""
         bodies = self.shown.fit(saved)
 
-        def take_up(u: np.ndarray) -> None:
+        def take_up(u: np.ndarray, _: Kept) -> None:
             bodies()
             watch = self.shown.branches
             self.shown.branches = None  # it goes on from what was saved

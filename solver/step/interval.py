@@ -291,7 +291,7 @@ def advance_adapting(tables, c, control, s0, s1, inputs, first, count, k, audit,
             if control.progress[FAILED] != 0.0:
                 control.progress[FAILED] = 0.0
                 status = PAUSED
-    if done > 0 and control.progress[OPEN] == 0.0:
+    if done > 0 and control.progress[OPEN] == 0.0 and status in (OK, PAUSED):
         u = inputs[0 if held else first + done - 1]
         collect(tables, work.chassis, work.kin_end, work.a_out, work.lam_out, u, old, work.outputs, work.arrays)
     return StepResult(status, where, total), done, swapped

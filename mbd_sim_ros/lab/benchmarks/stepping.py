@@ -15,6 +15,8 @@ from solver.output.snapshot import Counters
 
 BATCH = 1000  # steps per call
 PHASE_ROUNDS = 3  # per round
+RETURNS = 20  # to a state, per round
+TIMED = ('batch', 'audited', 'snapshot', 'restore', 'reset', 'inputs')  # by their medians
 FIGURES = {
     'batch': 'median over calls of advance(1000, audit=False), per step',
     'audited': 'median over calls of advance(1000), outputs and energy balance after every step, per step',
@@ -22,6 +24,8 @@ FIGURES = {
     'single_p99': '99th percentile of the same',
     'single_max': 'largest of the same',
     'snapshot': 'snapshot() alone: median',
+    'restore': 'restore() of a state that was saved in this process: median',
+    'reset': 'reset(): median',
     'inputs': 'sampling the maneuver for one step: median (not part of the figures above)',
 }
 
@@ -34,7 +38,7 @@ class Stepping:
 
     def __init__(self, scene: str, overrides: Sequence[str]) -> None:
         self.simulation = simulation_of(load_scene(scene, overrides))
-        self._samples: dict[str, list[float]] = {'batch': [], 'audited': [], 'single': [], 'snapshot': [], 'inputs': []}
+        self._samples: dict[str, list[float]] = {name: [] for name in ('single', *TIMED)}
         self._counters: dict[str, list[tuple[float, ...]]] = {'batch': [], 'audited': [], 'single': []}
         self._phases: list[tuple[dict[str, float], dict[str, float]]] = []
         self._inputs(1)
@@ -76,6 +80,14 @@ class Stepping:
             simulation.snapshot()
             self._samples['snapshot'].append((time.thread_time_ns() - begin) * 1e-3)
         self._phases.append(phase_times(simulation, PHASE_ROUNDS))
+        end = simulation.save()
+        for _ in range(RETURNS):
+            for name, back in (('restore', lambda: simulation.restore(start)), ('reset', simulation.reset)):
+                simulation.advance(1)
+                begin = time.thread_time_ns()
+                back()
+                self._samples[name].append((time.thread_time_ns() - begin) * 1e-3)
+        simulation.restore(end)
 
     def _sample(self, way: str, ns: int, counters: Counters, steps: int) -> None:
         self._samples[way].append(ns / steps * 1e-3)
@@ -89,7 +101,7 @@ class Stepping:
     def figures(self) -> dict[str, Any]:
         """The part of the report that belongs to this case: sizes, times [us], counters per step, phases."""
         s, simulation = self._samples, self.simulation
-        us = {name: float(np.median(s[name])) for name in ('batch', 'audited', 'snapshot', 'inputs')}
+        us = {name: float(np.median(s[name])) for name in TIMED}
         us |= {
             'single_p50': float(np.median(s['single'])),
             'single_p99': float(np.percentile(s['single'], 99.0)),
