@@ -13,11 +13,14 @@ from solver.errors import MbdError, SpecError
 
 if TYPE_CHECKING:
     from mbd_sim_ros.analysis.evaluation import figures
+    from mbd_sim_ros.analysis.evaluation.variants import Variant
+    from solver.scene import Scene
 
 SHOWN = 3  # results whose figures are printed
 NOTES = 8  # different ones of a series that are printed
 NUMBER = re.compile(r'\d[\d.]*(?:e[-+]?\d+)?')
 EXAMPLE = """mbd evaluate bags/run --html out/evaluation.html
+  mbd evaluate out/soft out/stiff --html out/both.html       # variants side by side: recordings, or what mbd maneuver made
   mbd evaluate measured.mcap --as iso7401_step --mapping car.yaml --json
 mapping file (THEIRS in deg/s becomes OURS in rad/s; any signal of docs/evaluating.md by its name, or channels of our recordings):
   channels:
@@ -32,8 +35,9 @@ def add(parsers: Any) -> None:
     help_ = 'judge maneuvers of norms in recordings: figures, limits, pass or fail'
     parser = declare(parsers, 'evaluate', run, help_, EXAMPLE)
     source = (
-        'bag directory, .mcap file, table (.csv, .tsv, .txt), .mf4, CAN log (.blf, .asc) or directory of .csv '
-        'files; several are a series'
+        'bag directory, .mcap file, table (.csv, .tsv, .txt), .mf4, CAN log (.blf, .asc), directory of .csv files, '
+        'or a directory of mbd maneuver; several are variants, the first one the base, or a series of one vehicle '
+        'where the norm asks for a series'
     )
     parser.add_argument('bags', metavar='BAG', type=Path, nargs='*', help=source)
     offer(
@@ -86,7 +90,7 @@ def run(args: argparse.Namespace) -> Result:
     """Read, judge, report."""
     from mbd_sim_ros import interrupts
     from mbd_sim_ros.analysis import mapping
-    from mbd_sim_ros.analysis.evaluation import judging
+    from mbd_sim_ros.analysis.evaluation import judging, variants
     from mbd_sim_ros.analysis.evaluation.intervals import with_intervals
 
     if args.list:
@@ -102,20 +106,30 @@ def run(args: argparse.Namespace) -> Result:
     given = judging.assignments(args.overrides)
     if args.name:
         judging.called(args.name)  # a wrong name is told before anything is read
-    results = []
-    for place in args.bags:
+    about: list[str] = []
+
+    def judged(place: Path) -> tuple[figures.Result, Scene | None]:
         interrupts.now(f'judging {place}')
         recording, held, scene = judging.read(place, sources, axes, time, args.dbc, log_times=args.log_times)
         evaluation = judging.meant(scene, args.name, str(place))
         result = judging.judge(
             evaluation, recording, str(place), given, held=held, scene=scene, mapped=bool(sources or axes)
         )
-        results.append(with_intervals(evaluation, result, place, given) if args.errors else result)
-    return report(results, html=args.html, strict=args.strict)
+        return with_intervals(evaluation, result, place, given) if args.errors else result, scene
+
+    of: list[tuple[str, list[figures.Result], Scene | None]] = []
+    for place, name in zip(args.bags, variants.names(args.bags), strict=True):
+        if (found := variants.recordings(place)) is None:
+            result, scene = judged(place)
+            of.append((name, [result], scene))
+            continue
+        about += [f'{place}: {text}' for text in found.refused]
+        of.append((name, [judged(one)[0] for one in found.places], None))
+    return report(variants.grouped(of), html=args.html, strict=args.strict, about=about)
 
 
 def report(
-    results: Sequence[figures.Result],
+    of: Sequence[Variant],
     *,
     html: Path | None,
     strict: bool,
@@ -123,23 +137,22 @@ def report(
     data: Mapping[str, Any] | None = None,
     refused: Mapping[str, MbdError] | None = None,
 ) -> Result:
-    """The object, the text, the page and the exit code of some results. refused: evaluations that belong to them and
+    """The object, the text, the page and the exit code of some variants. refused: evaluations that belong to them and
     have no result."""
-    from mbd_sim_ros.analysis.evaluation import figures
+    from mbd_sim_ros.analysis.evaluation import figures, variants
     from mbd_sim_ros.analysis.evaluation.html import write_page
-    from mbd_sim_ros.analysis.evaluation.registry import called
 
-    together = {}
-    for name in dict.fromkeys(r.evaluation for r in results):
-        of_it = [r for r in results if r.evaluation == name]
-        evaluation = called(name)[0]
-        if evaluation.together is not None and len(of_it) > 1:
-            together[name] = evaluation.together(of_it)
+    results = [r for variant in of for r in variant.results]
+    having = {
+        name: [variant for variant in of if variant.of(name)] for name in dict.fromkeys(r.evaluation for r in results)
+    }
+    together = {name: some[0].figures(name) for name, some in having.items() if len(some) == 1 and some[0].serial(name)}
     missing = {name: str(error) for name, error in (refused or {}).items()}
     passed = figures.verdict(r.passed for r in results)
     if missing and passed:
         passed = None  # nobody knows
     about = [*about, *(f'{name}: REFUSED: {why}' for name, why in missing.items())]
+    beside = {name: variants.rows(some, name) for name, some in having.items() if len(some) > 1}
     found: dict[str, Any] = {
         'status': 'error' if missing else 'ok',
         'passed': passed,
@@ -149,11 +162,15 @@ def report(
             name: {f.name: {'value': f.value, 'unit': f.unit, 'limit': f.limit, 'verdict': f.verdict} for f in fs}
             for name, fs in together.items()
         },
+        'variants': [variants.data(having[name], name) for name in beside],
         'html': None if html is None else str(html),
         **(data or {}),
     }
     lines = [*about]
-    single = [r for r in results if r.evaluation not in together]
+    for name, rows in beside.items():
+        some = [r for r in results if r.evaluation == name]
+        lines += ['', f'{some[0].title} ({some[0].norm})', table(rows), *_notes(some)]
+    single = [r for r in results if r.evaluation not in together and r.evaluation not in beside]
     for r in single[:SHOWN]:
         lines += [
             '',

@@ -89,6 +89,7 @@ def _driven(
     fail."""
     from mbd_sim_ros.analysis.evaluation import judging
     from mbd_sim_ros.analysis.evaluation.intervals import with_intervals
+    from mbd_sim_ros.analysis.evaluation.variants import Variant
     from mbd_sim_ros.analysis.pages import write_text
     from mbd_sim_ros.commands.evaluate import report
     from solver.disk import plain
@@ -125,9 +126,9 @@ def _driven(
         'kept': driving.kept,
         'found': found,
     }
-    result = report(
-        results, html=directory / 'report.html', strict=args.strict, about=about, data=data, refused=refused
-    )
+    of = [Variant(driving.vehicle.stem, tuple(results))]
+    page = directory / 'report.html'
+    result = report(of, html=page, strict=args.strict, about=about, data=data, refused=refused)
     write_text(directory / 'report.json', json.dumps(plain(result.data), indent=1))
     return result
 

@@ -8,7 +8,7 @@ in rad, SI units. Typical values of them: solver.analysis.typical_values.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +30,11 @@ ANGLE_DECIMALS = 12  # decimals of an angle [rad]: what is beyond is rounding of
 # what comes from where, first of all what tells that it is missing
 MODES = ('bounce_frequency', 'bounce_damping', 'pitch_frequency', 'roll_frequency')
 BENCH = ('wheel_rate_front', 'wheel_rate_rear', 'roll_stiffness_front', 'roll_stiffness_rear', 'steering_ratio')
-ALIGNED = ('toe_front', 'toe_rear', 'camber_front', 'camber_rear')
+STANDS = ('sag_front', 'sag_rear', 'toe_front', 'toe_rear', 'camber_front', 'camber_rear')
+MASSES = (
+    'mass', 'com_x', 'com_y', 'com_z', 'roll_inertia', 'pitch_inertia', 'yaw_inertia', 'wheelbase', 'track_front',
+    'track_rear', 'front_share',
+)  # fmt: skip
 STEADY, STEP, PARKED = (
     ('understeer_gradient', 'roll_gradient', 'steering_sensitivity'),
     ('response_time',),
@@ -115,14 +119,22 @@ class Figures(NamedTuple):
     failed: dict[str, str]
 
 
-def all_figures(simulation: Simulation) -> Figures:
+def all_figures(simulation: Simulation, wanted: Collection[str] | None = None) -> Figures:
     """All figures of a vehicle whose simulation stands at its start (see standing()), without modes where there are
     none of bodies alone (solver.analysis.modes); solver.analysis.typical_values has their texts and units. Figures of a
-    bench or a drive that fails are missing."""
+    bench or a drive that fails are missing.
+
+    wanted: names; only what these follow from is computed then, and others come with it (None: all)."""
     spec = simulation.model.spec
     found, failed = mass_figures(spec), {}
+    needed = None if wanted is None else {_origin(name) for name in wanted}
+    if needed is not None:  # what is driven needs the ratio of the steering, a step the understeer gradient
+        needed |= {STEADY} if STEP in needed else set()
+        needed |= {BENCH} if needed & {STEADY, PARKED} else set()
 
     def more(names: tuple[str, ...], make: Callable[[], dict[str, float]]) -> None:
+        if needed is not None and names not in needed:
+            return
         try:
             found.update(make())
         except MbdError as error:
@@ -135,18 +147,34 @@ def all_figures(simulation: Simulation) -> Figures:
 
     more(MODES, modes)
     more(BENCH, lambda: kinematic_figures(Rig(spec)))
-    more(('sag_front', 'sag_rear', *ALIGNED), lambda: sag(simulation) | alignment(simulation))
+    more(STANDS, lambda: sag(simulation) | alignment(simulation))
     ratio = found.get('steering_ratio')
     if ratio is None:
         why = failed.get('steering_ratio', 'the steering has no ratio')
         return Figures(found, failed | dict.fromkeys((*STEADY, *STEP, *PARKED), why))
     more(STEADY, lambda: steady_figures(spec, ratio))
     if 'understeer_gradient' in found:
-        more(STEP, lambda: step_figures(spec, ratio, found['understeer_gradient']))
+        gradient = found['understeer_gradient']
+        more(STEP, lambda: step_figures(spec, ratio, gradient))
     else:
-        failed.update(dict.fromkeys(STEP, failed['understeer_gradient']))
+        failed.update(dict.fromkeys(STEP, failed.get('understeer_gradient', '')))
     more(PARKED, lambda: parking_figures(spec, ratio))
     return Figures(found, failed)
+
+
+def _origin(name: str) -> tuple[str, ...]:
+    """The group of figures, one of the constants of this module, that a figure is computed with; of a mass or a length
+    the empty one."""
+    for names in (STEADY, STEP, PARKED):
+        if name in names:
+            return names
+    if name == 'hand_torque':
+        return STEADY
+    if name.endswith(('_frequency', '_damping')):
+        return MODES
+    if name.startswith(('sag_', 'toe_', 'camber_')):
+        return STANDS
+    return () if name in MASSES else BENCH
 
 
 def figures(simulation: Simulation) -> dict[str, float]:

@@ -13,10 +13,11 @@ from drives import EPOCH, circling, dwelling, stepped, weaving
 from scalars import run_of, write_scalars
 
 from mbd_sim_ros.analysis import runs
-from mbd_sim_ros.analysis.evaluation import judging, sine_with_dwell
-from mbd_sim_ros.analysis.evaluation.figures import Result
+from mbd_sim_ros.analysis.evaluation import judging, sine_with_dwell, variants
+from mbd_sim_ros.analysis.evaluation.figures import Figure, Result
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
 from mbd_sim_ros.analysis.evaluation.signals import WAYS, Signals, scene_of
+from mbd_sim_ros.analysis.evaluation.variants import Variant
 from mbd_sim_ros.bags.reader import Run
 from mbd_sim_ros.commands.evaluate import report
 from mbd_sim_ros.commands.main import main
@@ -403,7 +404,7 @@ def test_the_notes_of_a_series_are_told_and_the_figures_of_what_is_in_no_series(
     runs_ = [sine_with_dwell.judge(s, known()) for s in (dwelling(), slow)]
     runs_ = [dataclasses.replace(r, source=f'bags/{name}') for r, name in zip(runs_, ('first', 'second'), strict=True)]
     step = called('iso7401_step')[0].judge(stepped(), called('iso7401_step')[0].parameters())
-    text = report([*runs_, step], html=None, strict=False).text
+    text = report([Variant('car', (*runs_, step))], html=None, strict=False).text
     assert 'fmvss126, 2 runs' in text
     assert text.count('responsiveness is not judged') == 1
     assert 'note (2 of 2 runs): responsiveness is not judged' in text
@@ -413,8 +414,100 @@ def test_the_notes_of_a_series_are_told_and_the_figures_of_what_is_in_no_series(
         dataclasses.replace(r, notes=(f'steered at {speed} km/h',))
         for r, speed in zip(runs_, (74.7, 7.5e1), strict=True)
     ]
-    assert 'note (2 of 2 runs, this of first): steered at 74.7 km/h' in report(close, html=None, strict=False).text
+    assert (
+        'note (2 of 2 runs, this of first): steered at 74.7 km/h'
+        in report([Variant('car', tuple(close))], html=None, strict=False).text
+    )
     many = [dataclasses.replace(runs_[0], notes=('note ' + 'x' * k,)) for k in range(11)]
-    text = report(many, html=None, strict=False).text
+    text = report([Variant('car', tuple(many))], html=None, strict=False).text
     assert text.count('note (') == 8
     assert '... and 3 more notes; --json or --html has all' in text
+
+
+def varied(tmp_path: Path, options: dict[str, float]) -> list[str]:
+    """Bags of a step steer whose yaw rate is larger by a factor: name -> factor."""
+    keys = {name: f'car/{name}' for name in ('steering', 'speed', 'yaw_rate', 'lateral_acceleration')}
+    places = []
+    for name, factor in options.items():
+        s = stepped(rate=100.0)
+        s.values['yaw_rate'] = factor * s['yaw_rate']
+        places.append(str(recorded(tmp_path / name, s, keys)))
+    return places
+
+
+def test_variants_stand_side_by_side_with_their_differences(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of linear figures the difference in percent is that of the signal: 25 % more, 40 % less."""
+    places = varied(tmp_path, {'base': 1.0, 'more': 1.25, 'less': 0.6})
+    options = ['--as', 'iso7401_step', '--map', 'car/*=*']
+    assert main(['evaluate', *places, *options, '--json']) == 0
+    (found,) = json.loads(capsys.readouterr().out)['variants']
+    assert found['names'] == ['base', 'more', 'less']
+    assert found['figures']['yaw_rate_steady']['difference_percent'] == pytest.approx([0.0, 25.0, -40.0], abs=1e-6)
+    base = found['figures']['yaw_rate_steady']['values'][0]
+    assert found['figures']['yaw_rate_steady']['values'] == pytest.approx([base, 1.25 * base, 0.6 * base])
+    assert found['figures']['lateral_acceleration_steady']['difference_percent'] == pytest.approx([0, 0, 0])
+    assert main(['evaluate', *places, *options]) == 0
+    out = capsys.readouterr().out
+    head = next(line for line in out.splitlines() if line.startswith('figure'))
+    assert head.split() == ['figure', 'unit', 'base', 'more', 'difference', 'less', 'difference']
+    assert '+25 %' in out and '-40 %' in out
+
+
+def test_differences_say_no_more_than_is_known() -> None:
+    """Of a base of zero there is no percentage; one below the numerical errors is told as such; a negative base counts
+    by its size; a figure that a variant lacks is empty."""
+    figures = [
+        Figure('zero', 'zero', 0.0, 'm'),
+        Figure('negative', 'negative', -2.0, 'm'),
+        Figure('close', 'close', 1.0, 'm', error=0.01),
+        Figure('lone', 'lone', 1.0, 'm'),
+    ]
+    others = [
+        Figure('zero', 'zero', 1.0, 'm'),
+        Figure('negative', 'negative', -1.0, 'm', ok=False),
+        Figure('close', 'close', 1.015, 'm', error=0.01),
+    ]
+    of = [
+        Variant(name, (Result(evaluation='iso7401_step', title='', norm='', figures=tuple(some)),))
+        for name, some in (('a', figures), ('b', others))
+    ]
+    rows = {row[0]: row[1:] for row in variants.rows(of, 'iso7401_step')[1:]}
+    assert rows == {
+        'zero': ('m', '0', '1', '-'),
+        'negative': ('m', '-2', '-1 FAIL', '+50 %'),
+        'close': ('m', '1 ± 0.01', '1.015 ± 0.01', variants.WITHIN),
+        'lone': ('m', '1', '-', '-'),
+    }
+
+
+def test_a_series_is_a_variant_and_so_is_what_mbd_maneuver_left(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two directories as `mbd maneuver` leaves them, each with two sines with dwell: their worst figures are compared,
+    and a directory whose report names what is not there is refused."""
+    keys = {name: f'car/{name}' for name in ('steering', 'speed', 'yaw_rate', 'lateral_acceleration')}
+    for name, ratios in (('soft', ((0.2, 0.1), (0.3, 0.1))), ('stiff', ((0.25, 0.1), (0.15, 0.1)))):
+        for k, ratio in enumerate(ratios):
+            recorded(tmp_path / name / f'run{k}', dwelling(ratios=ratio), keys)
+        results = [{'source': f'elsewhere/run{k}'} for k in range(2)]
+        (tmp_path / name / 'report.json').write_text(json.dumps({'results': results, 'refused': {'other': 'why'}}))
+    places = [str(tmp_path / name) for name in ('soft', 'stiff')]
+    assert main(['evaluate', *places, '--as', 'fmvss126', '--map', 'car/*=*', '--json']) == 0
+    (found,) = json.loads(capsys.readouterr().out)['variants']
+    worst = found['figures']['worst_ratio_100']
+    assert found['names'] == ['soft', 'stiff'] and worst['values'] == pytest.approx([0.3, 0.25], rel=0.02)
+    assert main(['evaluate', *places, '--as', 'fmvss126', '--map', 'car/*=*']) == 0
+    assert f'{places[0]}: other: REFUSED: why' in capsys.readouterr().out
+    (tmp_path / 'soft' / 'report.json').write_text(json.dumps({'results': [{'source': 'x/run7'}], 'refused': {}}))
+    assert main(['evaluate', *places, '--as', 'fmvss126', '--map', 'car/*=*']) == 5
+    assert 'names run7, which is not in' in capsys.readouterr().err
+    (tmp_path / 'soft' / 'report.json').write_text('[]')
+    assert main(['evaluate', *places, '--as', 'fmvss126', '--map', 'car/*=*']) == 5
+    assert 'is no report of mbd maneuver' in capsys.readouterr().err
+
+
+def test_names_of_variants_tell_them_apart() -> None:
+    found = variants.names([Path('a/run'), Path('b/run'), Path('c')])
+    assert found[:2] == ['a/run', 'b/run'] and found[2].endswith('/c')
+    assert variants.names([Path('a'), Path('a')]) == ['a', 'a (2)']
+    assert variants.names([Path('x/one'), Path('y/two')]) == ['one', 'two']

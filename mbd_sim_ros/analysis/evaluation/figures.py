@@ -52,12 +52,14 @@ class Figure(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """A line of a chart. style: run, reference, third, other, limit (dashed) or points."""
+    """A line of a chart. style: run, reference, third, other, limit (dashed) or points. group: the variant that it is
+    of, where several are drawn over each other."""
 
     name: str
     x: np.ndarray
     y: np.ndarray
     style: str = 'run'
+    group: str = ''
 
 
 @dataclass(frozen=True, kw_only=True)
