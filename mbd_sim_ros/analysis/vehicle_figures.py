@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 
-from solver.analysis.figures import all_figures, is_vehicle, standing
+from solver.analysis.figures import Figures, all_figures, is_vehicle, standing
 from solver.analysis.typical_values import TEXTS
-from solver.errors import SpecError, suggestion
+from solver.errors import MbdError, SpecError, suggestion
 from solver.scene import Scene
 from solver.units import SPELLED, UNITS, WITH_UNIT
 
@@ -27,19 +27,23 @@ def unit_of(name: str) -> str:
     return SI.get(unit, unit)
 
 
-def vehicle_figures(scene: Scene, names: Collection[str]) -> dict[str, float]:
-    """The figures of these names [SI] of the vehicle of a scene, standing on a flat road. Raises SpecError where one is
-    missing, with the reason."""
+def vehicle_figures(scene: Scene, names: Collection[str]) -> Figures:
+    """The figures of these names [SI] of the vehicle of a scene, standing on a flat road, and the reason for each that
+    is missing. Raises SpecError for a name that no vehicle has."""
     for name in names:
         unit_of(name)
     if not is_vehicle(scene.model):
-        raise SpecError(f'{scene.name}: is no vehicle with tires at four corners: it has no figure {min(names)}')
-    found, failed = all_figures(standing(scene), names)
-    for name in names:
-        if name not in found:
-            why = failed.get(name) or 'it is none of the figures of this vehicle'
-            raise SpecError(f'{scene.name}: no figure {name}: {why}')
-    return {name: found[name] for name in names}
+        why = f'{scene.name} is no vehicle with tires at four corners'
+        return Figures({}, dict.fromkeys(names, why))
+    try:
+        found, failed = all_figures(standing(scene), names)
+    except MbdError as error:  # it does not stand
+        return Figures({}, dict.fromkeys(names, str(error)))
+    missing = {name: failed.get(name) or 'it is none of the figures of this vehicle' for name in names}
+    return Figures(
+        {name: found[name] for name in names if name in found},
+        {name: why for name, why in missing.items() if name not in found},
+    )
 
 
 def in_si(name: str, text: str, unit: str, shown: str, factor: float) -> float:

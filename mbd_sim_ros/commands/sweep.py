@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -33,7 +34,9 @@ the file (docs/sweeps.md):
     integrator.h: {values: [0.001, 0.002]}
   design: {kind: latin_hypercube, samples: 64, seed: 1}
   figures:
-    yaw_rate_peak: {quantity: yaw_rate, take: peak}"""
+    yaw_rate_peak: {quantity: yaw_rate, take: peak}                          # of the run
+    response: {evaluation: iso7401_step, figure: yaw_rate_response_time}     # of an evaluation of its recording
+    understeer: {info: understeer_gradient}                                  # of the vehicle, as in mbd info"""
 
 
 def add(parsers: Any) -> None:
@@ -180,10 +183,13 @@ def _told(errors: dict[str, Any], count: int) -> str:
 def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dict[str, str]) -> Result:
     """The table, the report and what is said of them."""
     from mbd_sim_ros.analysis.pages import write_text
-    from mbd_sim_ros.sweep.design import ERRORS
+    from mbd_sim_ros.sweep.design import ERRORS, UNITS
     from mbd_sim_ros.sweep.table import known_to, no_indices, sensitivities, write_report, write_table
 
     errors = [row.pop(ERRORS, {}) for row in rows]
+    for row in rows:
+        units = row.pop(UNITS, {}) | units  # of figures of evaluations
+    empty = [name for name in sweep.figures if not any(math.isfinite(row[name]) for row in rows)]
     indices = sensitivities(sweep, rows)
     file = write_table(rows, args.out)
     report = write_report(
@@ -198,6 +204,7 @@ def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dic
         'table': str(file),
         'report': str(report),
         'sensitivities': indices,
+        'without_value': empty,
         'errors': _errors(sweep, errors),
     }
     lines = [
@@ -213,4 +220,5 @@ def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dic
         )
         lines += [f'{figure}: {doubt}'] if (doubt := known_to(sweep, found)) else []
     lines += [reason for figure in sweep.figures if (reason := no_indices(sweep, rows, figure))]
-    return Result(data=data, text='\n'.join(lines), code=0 if counts['error'] < len(rows) else 1)
+    lines += [f'no case has a value of {name}: {rows[0]["message"]}' for name in empty]
+    return Result(data=data, text='\n'.join(lines), code=1 if counts['error'] == len(rows) or empty else 0)

@@ -7,27 +7,33 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from mbd_sim_ros import interrupts
+from mbd_sim_ros.analysis import evaluation
+from mbd_sim_ros.analysis.evaluation import judging
+from mbd_sim_ros.analysis.vehicle_figures import vehicle_figures
 from mbd_sim_ros.batch import record, warm_up
 from mbd_sim_ros.messages.encode import require_finite
-from mbd_sim_ros.sweep.design import ERRORS, SweepFigure
+from mbd_sim_ros.sweep.design import ERRORS, UNITS, SweepFigure
 from solver import simulation_of
 from solver.analysis.certificate_coverage import weighed
 from solver.analysis.envelope import Envelope
 from solver.analysis.error_bar import NOT_ASKED, Twin
-from solver.analysis.verdict import ERROR, report, status_of
+from solver.analysis.verdict import ERROR, OK, SUSPECT, report, status_of
 from solver.disk import Store, digest, sources
-from solver.errors import BagError, MbdError
+from solver.errors import BagError, MbdError, SpecError, suggestion
 from solver.files.overrides import keys_of
 from solver.files.scene import load_scene_text
 from solver.findings import Finding
 from solver.levels.auto import beside_text
 from solver.quantities import Quantity, lengths, quantity
+from solver.scene import Scene
 
 SAMPLE = 1e-3  # s: figures are of instants at least so far apart
 Row = dict[str, Any]
@@ -60,7 +66,9 @@ def row_of(case: SweepCase) -> Row:
     except MbdError as error:
         return {**head, 'status': ERROR, 'message': str(error), **nothing}
     asked = json.dumps({name: dataclasses.asdict(figure) for name, figure in case.figures.items()})
-    key = digest(scene.resolved, asked, *([case.twin] if case.twin == 'decides' else []), sources(), *beside).hex()[:24]
+    by: list[str] = [case.twin] if case.twin == 'decides' else []
+    by += [sources(Path(evaluation.__file__).parent)] if any(one.figure for one in case.figures.values()) else []
+    key = digest(scene.resolved, asked, *by, sources(), *beside).hex()[:24]
     rows, name = Store(Path(case.rows)) if case.rows else None, f'{key}.json'
     # a bag has the number of its case and what it is of in its name: another file of the sweep numbers its cases anew
     if case.bags:
@@ -75,7 +83,12 @@ def row_of(case: SweepCase) -> Row:
     if made is not None:
         # in a container that is started anew processes get the same numbers again
         shutil.rmtree(made, ignore_errors=True)
-    found = _run(scene, case.figures, made, case.twin)
+        found = _measured(scene, case.figures, made, case.twin)
+    elif any(one.figure for one in case.figures.values()):
+        with _passing(Path(case.rows) / f'{key}.part' if case.rows else None) as place:
+            found = _measured(scene, case.figures, place, case.twin)
+    else:
+        found = _measured(scene, case.figures, None, case.twin)
     if bag is not None and made is not None and made.is_dir():
         if bag.is_dir():  # it was killed before it kept the row
             shutil.rmtree(made, ignore_errors=True)
@@ -88,8 +101,81 @@ def row_of(case: SweepCase) -> Row:
 
 def _row(head: Row, found: Mapping[str, Any], twin: str) -> Row:
     figures = {name: math.nan if value is None else value for name, value in found['figures'].items()}
-    measured = {ERRORS: found[ERRORS]} if twin else {}
-    return {**head, 'status': found['status'], 'message': found['message'], **figures, **measured}
+    beside = {UNITS: found[UNITS]} | ({ERRORS: found[ERRORS]} if twin else {})
+    return {**head, 'status': found['status'], 'message': found['message'], **figures, **beside}
+
+
+@contextmanager
+def _passing(place: Path | None) -> Iterator[Path]:
+    """A directory for a recording that is removed when its figures are known. place: its name, so that one left by a
+    process that was killed is found and replaced; None: a temporary one."""
+    if place is None:
+        with interrupts.scratch('mbd-case-') as scratch:
+            yield scratch / 'run'
+        return
+    shutil.rmtree(place, ignore_errors=True)
+    try:
+        yield place
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def _measured(scene: Scene, figures: Mapping[str, SweepFigure], bag: Path | None, asked: str) -> dict[str, Any]:
+    """The row of a scene: status, message, figures (None where there is none), units of those of evaluations, errors.
+    A figure that cannot be found makes a case suspect, with the reason. bag: for the recording, which figures of
+    evaluations need."""
+    of_run = {name: figure for name, figure in figures.items() if figure.quantity}
+    of_vehicle = {name: figure.info for name, figure in figures.items() if figure.info}
+    if of_vehicle.keys() == figures.keys() and bag is None:  # the vehicle alone is asked for, and nothing is run
+        found: dict[str, Any] = {'status': OK, 'message': '', 'figures': {}, ERRORS: {}}
+    else:
+        found = _run(scene, of_run, bag, asked)
+    values: dict[str, float | None] = dict.fromkeys(figures) | found['figures']
+    units: dict[str, str] = {}
+    missing: list[str] = []
+    if found['status'] != ERROR:
+        known, failed = vehicle_figures(scene, sorted(set(of_vehicle.values()))) if of_vehicle else ({}, {})
+        values |= {name: known.get(wanted) for name, wanted in of_vehicle.items()}
+        missing += [f'{name}: {failed[wanted]}' for name, wanted in of_vehicle.items() if wanted in failed]
+        results: dict[str, judging.Result] = {}
+        for name, figure in figures.items():
+            if not figure.figure or bag is None:
+                continue
+            try:
+                if figure.evaluation not in results:
+                    results[figure.evaluation] = _judged(bag, figure.evaluation)
+                values[name], units[name] = _of(results[figure.evaluation], figure.figure)
+            except MbdError as error:
+                missing.append(f'{name}: {error}')
+    told = [found['message'], *missing]
+    return {
+        'status': SUSPECT if missing and found['status'] == OK else found['status'],
+        'message': '; '.join(text for text in told if text),
+        'figures': {
+            name: None if value is None or not math.isfinite(value) else value for name, value in values.items()
+        },
+        UNITS: units,
+        ERRORS: found[ERRORS] and {**found[ERRORS], 'figures': dict.fromkeys(figures) | found[ERRORS]['figures']},
+    }
+
+
+def _judged(bag: Path, name: str) -> judging.Result:
+    """The evaluation of a name, or the one that the maneuver states, of the recording of a case. Raises MbdError."""
+    run, held, scene = judging.read(bag)
+    if not name and not (scene and scene.maneuver.evaluation):
+        raise SpecError(
+            'the maneuver of the scene states no evaluation; name it beside the figure, e.g. evaluation: iso7401_step'
+        )
+    one = judging.meant(scene, name, 'the recording of the case')
+    return judging.judge(one, run, 'the recording of the case', {}, held=held, scene=scene)
+
+
+def _of(result: judging.Result, name: str) -> tuple[float, str]:
+    """(value, SI unit) of a figure. Raises SpecError."""
+    known = {f.name: f for f in result.figures}
+    if name not in known:
+        raise SpecError(f'{result.evaluation} has found no figure {name!r}{suggestion(name, known)}')
+    return known[name].value, known[name].unit
 
 
 def overrides_of(values: Mapping[str, float | str]) -> list[str]:
@@ -104,7 +190,7 @@ def _text(value: float | str) -> str:
     return repr(int(value)) if float(value).is_integer() and abs(value) < 1e15 else repr(float(value))
 
 
-def _run(scene: Any, figures: Mapping[str, SweepFigure], bag: Path | None, asked: str = '') -> dict[str, Any]:
+def _run(scene: Scene, figures: Mapping[str, SweepFigure], bag: Path | None, asked: str = '') -> dict[str, Any]:
     """status, message, figures (None where there is none), errors (of figures, and the sentence on the run). asked:
     SweepCase.twin."""
     found: dict[str, Quantity] = {}

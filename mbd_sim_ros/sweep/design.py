@@ -9,6 +9,8 @@ parameters:                                          # keys of the scene, as for
 design: {kind: latin_hypercube, samples: 64, seed: 1}
 figures:                                             # what is kept of a run
   yaw_rate_peak: {quantity: yaw_rate, take: peak}
+  response: {evaluation: iso7401_step, figure: yaw_rate_response_time}
+  understeer: {info: understeer_gradient}
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from mbd_sim_ros.analysis.evaluation.registry import called
+from mbd_sim_ros.analysis.vehicle_figures import unit_of
 from solver.errors import SceneError, SpecError
 from solver.files.naming import find, names_file
 from solver.files.overrides import keys_of, overtaken
@@ -36,7 +40,7 @@ from solver.validate import finite, require
 TAKES = ('peak', 'rms', 'min', 'max', 'mean', 'final', 'peak_time')
 SENSITIVITY = ('morris', 'saltelli')  # designs from which indices of sensitivity follow
 MOST_CASES = 1_000_000
-ERRORS = 'errors'  # what rows hold beside the columns of the table
+ERRORS, UNITS = 'errors', 'units'  # what rows hold beside the columns of the table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,11 +107,34 @@ class Design:
 
 @dataclass(frozen=True, kw_only=True)
 class SweepFigure:
-    """A number kept of a run: of a quantity of interest (docs/scene.md) or a recorded channel. peak: the largest
-    absolute value."""
+    """A number kept of a case, one of three kinds.
 
-    quantity: str
+    quantity, take: of a quantity of interest (docs/scene.md) or a recorded channel of the run; peak: the largest
+    absolute value. figure: name of a figure (docs/evaluating.md) of `evaluation`, or without one of the evaluation that
+    the maneuver of the scene states; SI units. info: name of a figure of the vehicle in `mbd info`; SI units.
+    """
+
+    quantity: str = ''
     take: Literal['peak', 'rms', 'min', 'max', 'mean', 'final', 'peak_time'] = 'peak'
+    evaluation: str = ''
+    figure: str = ''
+    info: str = ''
+
+    def __post_init__(self) -> None:
+        whole = bool(self.figure) or not self.evaluation
+        require(whole, 'sweep', 'evaluation', self.evaluation, 'needs the name of a figure')
+        given = [name for name in ('quantity', 'figure', 'info') if getattr(self, name)]
+        remedy = 'give one of quantity (of the run), figure (of an evaluation) or info (of the vehicle)'
+        require(len(given) == 1, 'sweep', 'figures', given, remedy)
+
+    @property
+    def text(self) -> str:
+        """Its origin, for people."""
+        if self.info:
+            return f'{self.info} of the vehicle'
+        if self.figure:
+            return f'{self.figure} of {self.evaluation or "the maneuver"}'
+        return f'{self.take} of {self.quantity}'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +154,7 @@ class Sweep:
     def __post_init__(self) -> None:
         require(bool(self.parameters), 'sweep', 'parameters', {}, 'must name at least one key of the scene')
         require(bool(self.figures), 'sweep', 'figures', {}, 'must name at least one number to keep')
-        taken = {'case', 'bag', 'status', 'message', ERRORS, *self.parameters} & self.figures.keys()
+        taken = {'case', 'bag', 'status', 'message', ERRORS, UNITS, *self.parameters} & self.figures.keys()
         require(not taken, 'sweep', 'figures', sorted(taken), 'is another column of the table; take another name')
         places: dict[tuple[str, ...], str] = {}
         for name in self.parameters:
@@ -236,14 +263,27 @@ def _salib(sweep: Sweep) -> Any:
 
 
 def units_of(sweep: Sweep, channels: Channels, keys: Mapping[str, str]) -> dict[str, str]:
-    """Units of parameters and figures, where they have one. keys: units of the keys of the scene. Raises SceneError for
-    a quantity that the scene does not have."""
+    """Units of parameters and figures, where they have one; those of evaluations come with the rows. keys: units of the
+    keys of the scene. Raises SceneError for a quantity that the scene does not have, an evaluation or a figure of the
+    vehicle that nobody has."""
     # of a list it is said once
     of = {name: keys.get(name) or keys.get(re.sub(r'(\[\d+\])+$', '', name)) for name in sweep.parameters}
     units = {name: unit for name, unit in of.items() if unit}
     for name, figure in sweep.figures.items():
+        part = 'info' if figure.info else 'evaluation' if figure.figure else 'quantity'
         try:
-            units[name] = 's' if figure.take == 'peak_time' else quantity(figure.quantity, channels).unit
+            if figure.info:
+                units[name] = unit_of(figure.info)
+            elif figure.evaluation:
+                require(
+                    len(called(figure.evaluation)) == 1, 'sweep', part, figure.evaluation, _which(figure.evaluation)
+                )
+            elif figure.quantity:
+                units[name] = 's' if figure.take == 'peak_time' else quantity(figure.quantity, channels).unit
         except SpecError as error:
-            raise SceneError(f'sweep: figures.{name}.quantity: {error}') from None
+            raise SceneError(f'sweep: figures.{name}.{part}: {error}') from None
     return units
+
+
+def _which(norm: str) -> str:
+    return f'is a norm of several maneuvers; take one of {", ".join(one.name for one in called(norm))}'

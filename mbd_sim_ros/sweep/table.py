@@ -123,13 +123,13 @@ def write_report(
     parts = [f'<p>{len(rows)} cases: {", ".join(f"{n} {status}" for status, n in counts.items())}.</p>']
     for figure, meaning in sweep.figures.items():
         known = [row for row in rows if math.isfinite(row[figure])]
-        parts.append(f'<h2>{html.escape(figure)}: {meaning.take} of {html.escape(meaning.quantity)}</h2>')
+        parts.append(f'<h2>{html.escape(figure)}: {html.escape(meaning.text)}</h2>')
         if not known:
             parts.append('<p>no case has a value</p>')
             continue
         low, high = min(known, key=lambda row: row[figure]), max(known, key=lambda row: row[figure])
         parts.append(
-            f'<p>from {low[figure]:.6g} (case {low["case"]}) to {high[figure]:.6g} {units[figure]} (case '
+            f'<p>from {low[figure]:.6g} (case {low["case"]}) to {high[figure]:.6g} {units.get(figure, "")} (case '
             f'{high["case"]})</p>'
         )
         parts.append(

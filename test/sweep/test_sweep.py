@@ -17,12 +17,14 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
+from mbd_sim_ros.analysis.evaluation import judging
 from mbd_sim_ros.bags import reader
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.sweep import case, workers
 from mbd_sim_ros.sweep.case import SweepCase, row_of
 from mbd_sim_ros.sweep.design import Parameter, Sweep, SweepFigure, load_sweep
 from solver import load_scene, simulation_of
+from solver.analysis.figures import all_figures, standing
 from solver.disk import alone
 from solver.errors import SceneError
 from solver.findings import LevelReport, Limit
@@ -507,3 +509,84 @@ def test_the_sample_is_the_first_case_of_every_eighth(count: int, sampled: list[
     assert [i for i in range(count) if _twin(sweep, i, count) == 'told'] == sampled
     assert all(_twin(dataclasses.replace(sweep, errors='all'), i, count) == 'decides' for i in range(count))
     assert not any(_twin(dataclasses.replace(sweep, errors='none'), i, count) for i in range(count))
+
+
+@pytest.mark.slow
+def test_figures_of_evaluations_and_of_the_vehicle_are_outputs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a case they have the bits of `mbd evaluate` of its recording and of `mbd info` of its vehicle, kept recordings
+    or not; what a run does not have makes it suspect, with the reason, and a second call runs nothing."""
+    file = tmp_path / 's.yaml'
+    figures = {
+        'gain': {'evaluation': 'iso7401_step', 'figure': 'yaw_rate_gain'},
+        'same': {'figure': 'yaw_rate_gain'},
+        'heave': {'info': 'bounce_frequency'},
+        'peak': {'quantity': 'yaw_rate'},
+    }
+    what = {
+        'scene': 'light_car_step_steer',
+        'set': ['duration=5', 'maneuver.evaluation=iso7401_step'],
+        'parameters': {'vehicle.chassis.mass': {'values': [1000, 1300]}},
+        'errors': 'none',
+    }
+    file.write_text(json.dumps({**what, 'figures': figures, 'record': True}))
+    found = swept(capsys, file, tmp_path / 'out', '--workers', '1')
+    table = parquet.read_table(found['table']).to_pylist()
+    assert [row['status'] for row in table] == ['ok', 'ok'] and found['without_value'] == []
+    for row in table:
+        run, held, scene = judging.read(tmp_path / 'out' / 'bags' / row['bag'])
+        result = judging.judge(judging.called('iso7401_step')[0], run, '', {}, held=held, scene=scene)
+        assert row['gain'] == row['same'] == result['yaw_rate_gain']
+        assert scene is not None and row['heave'] == all_figures(standing(scene)).found['bounce_frequency']
+    assert '1/s' in Path(found['report']).read_text()  # the unit of the figure comes with it
+
+    more = {**figures, 'none': {'figure': 'yaw_rate_gian'}}
+    del more['peak'], more['heave']
+    file.write_text(json.dumps({**what, 'figures': more}))
+    assert main(['sweep', str(file), '--out', str(tmp_path / 'other'), '--workers', '1', '--json']) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert (found['status'], found['without_value']) == ('suspect', ['none'])
+    again = parquet.read_table(found['table']).to_pylist()
+    assert [row['gain'] for row in again] == [row['gain'] for row in table]
+    assert "did you mean 'yaw_rate_gain'?" in again[0]['message']
+    assert not list((tmp_path / 'other' / 'rows').glob('*.part'))
+
+
+def test_a_vehicle_alone_is_asked_for_without_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures of the vehicle have those bits of a mass that nobody drives; a mechanism has none."""
+    monkeypatch.setattr(case, 'simulation_of', None)
+    text = load_scene('light_car_straight').resolved
+    figures = {'mass': SweepFigure(info='mass'), 'rate': SweepFigure(info='wheel_rate_front')}
+    row = row_of(SweepCase(number=0, text=text, name='x', values={'vehicle.chassis.mass': 1111.0}, figures=figures))
+    base = all_figures(standing(load_scene('light_car_straight', ['vehicle.chassis.mass=1111']))).found
+    assert (row['mass'], row['rate'], row['status']) == (base['mass'], base['wheel_rate_front'], 'ok')
+    row = row_of(
+        SweepCase(number=0, text=load_scene('pendulum').resolved, name='x', values={}, figures={'m': figures['mass']})
+    )
+    assert row['status'] == 'suspect' and math.isnan(row['m']) and 'is no vehicle' in row['message']
+
+
+@pytest.mark.parametrize(
+    ('figure', 'sentence'),
+    [
+        ('{}', 'give one of quantity'),
+        ('{quantity: yaw_rate, info: mass}', 'give one of quantity'),
+        ('{evaluation: iso7401_step}', 'needs the name of a figure'),
+        ('{evaluation: iso7401_stpe, figure: speed}', "did you mean 'iso7401_step'"),
+        ('{evaluation: iso4138, figure: speed}', 'is a norm of several maneuvers; take one of iso4138_constant_radius'),
+        ('{info: bounce_frequnecy}', "did you mean 'bounce_frequency'"),
+        ('{quantity: yaw_rat}', 'yaw_rate'),
+    ],
+)
+def test_figures_that_cannot_be_are_refused_before_anything_runs(
+    figure: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / 's.yaml'
+    file.write_text(
+        'scene: light_car_step_steer\nparameters: {vehicle.chassis.mass: {values: [1000]}}\n'
+        f'figures:\n  x: {figure}\n'
+    )
+    assert main(['sweep', str(file), '--out', str(tmp_path / 'out')]) == 2
+    assert sentence in (told := capsys.readouterr().err) and told.count('\n') == 1
+    assert not (tmp_path / 'out').exists()

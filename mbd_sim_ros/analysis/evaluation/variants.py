@@ -72,7 +72,7 @@ class Line(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """What `mbd maneuver` has left in a directory: recordings, and sentences on maneuvers that were refused."""
+    """Content of a directory of `mbd maneuver`: recordings, and sentences on maneuvers that were refused."""
 
     places: list[Path]
     refused: list[str]
