@@ -76,6 +76,7 @@ setup(
     package_data={
         'solver': ['py.typed'],
         NAME: ['py.typed'],
+        f'{NAME}.native': ['*.c', '*.h', '*.inc'],
         f'{NAME}.messages': ['schemas/*/*.msg'],
         f'{NAME}.analysis': ['report.html', 'page.css', 'page.js'],
         f'{NAME}.analysis.view': ['view.html'],

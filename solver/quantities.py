@@ -266,6 +266,14 @@ OF_BODY: dict[str, Numbers] = {
 }
 
 
+def columns(channels: Channels) -> list[tuple[str, str, int]]:
+    """(column name in recordings, unit, index in the numbers of a snapshot) of every recorded number, inputs left
+    out."""
+    layout = layout_of(channels)
+    places = Snapshot(0, 0, np.arange(new_numbers(layout).size, dtype=float), layout, NO_STEPS)
+    return [(name, unit, int(place)) for name, unit, place in _columns(channels, places)]
+
+
 def _columns(channels: Channels, s: Snapshot) -> Iterator[tuple[str, str, float]]:
     """(column name in recordings, unit, index in a snapshot) of every recorded number."""
     for k, (joint, kind) in enumerate(zip(channels.joints, channels.joint_kinds, strict=True)):

@@ -40,6 +40,7 @@ from typing import Any, NoReturn
 
 from mbd_sim_ros.commands import (
     bench,
+    build,
     compare,
     compile,
     evaluate,
@@ -77,6 +78,7 @@ COMMANDS = (
     study,
     bench,
     compile,
+    build,
 )
 USAGE_ERROR, INTERNAL_ERROR = 2, 70
 HELP = ('-h', '--help', '--version')

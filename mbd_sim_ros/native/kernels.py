@@ -1,0 +1,116 @@
+"""Kernels outside of this process: their names, and object code for a linker.
+
+The name of a kernel is a digest of what its code is made of (solver.compiled.contents): the same in every process and
+for every processor, and another one as soon as the code or the layout of its arguments is another. So a model finds the
+kernels it was made for in a library, or is refused. Object code is emitted from the optimised code that numba keeps for
+callers, without the entries for Python, which are all that needs an interpreter.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import llvmlite.binding as llvm
+import numba
+from numba.core.compiler_lock import global_compiler_lock
+
+from solver import disk
+from solver.compiled.contents import contents
+from solver.elements.registry import CONSTRAINTS, FORCES
+from solver.linear.elimination import factorize, solve
+from solver.step.augmented_lagrangian import advance, perform
+from solver.step.constraint_coefficients import weigh
+from solver.step.extrapolation import extrapolate
+from solver.step.interval import advance_adapting
+
+# Processors with AVX2 and FMA: the level v3 of the x86-64 ABI, in the words of LLVM.
+V3 = (
+    '+64bit,+avx,+avx2,+bmi,+bmi2,+cmov,+cx16,+cx8,+f16c,+fma,+fxsr,+lzcnt,+mmx,+movbe,+popcnt,+sahf,+sse,+sse2,+sse3,'
+    '+sse4.1,+sse4.2,+ssse3,+x87,+xsave'
+)
+PYTHON_ENTRY = re.compile(r'^define [^\n]*@_ZN7cpython.*?^}\n', re.MULTILINE | re.DOTALL)
+
+
+class Target(NamedTuple):
+    """A processor to emit code for. name: as commands say it. processor, features: as LLVM says them."""
+
+    name: str
+    processor: str
+    features: str
+
+
+class Kernel(NamedTuple):
+    """A compiled kernel. name: the same everywhere. symbol: of its code. result: numba's record of it."""
+
+    name: str
+    symbol: str
+    result: Any
+
+
+def target(name: str) -> Target:
+    """The target `v3` (every x86-64 processor with AVX2 and FMA) or `host` (this processor)."""
+    if name == 'v3':
+        return Target('v3', 'x86-64-v3', V3)
+    return Target('host', llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
+
+
+def compiled() -> dict[int, Kernel]:
+    """Every kernel that a step may call and that is compiled in this process: address -> kernel."""
+    found = {}
+    for dispatcher in _called():
+        for arguments, result in dispatcher.overloads.items():
+            symbol = result.fndesc.llvm_func_name
+            found[result.library.get_pointer_to_function(symbol)] = Kernel(
+                name_of(dispatcher, arguments), symbol, result
+            )
+    return found
+
+
+def name_of(dispatcher: Any, arguments: tuple) -> str:
+    """The name of a kernel for these types of arguments."""
+    digest, _ = contents(dispatcher, arguments)
+    return f'{dispatcher.__module__.removeprefix("solver.")}.{dispatcher.__name__}-{digest.hex()}'
+
+
+def _called() -> Iterator[Any]:
+    """The kernels that are called by address, and those that begin a step."""
+    for kind in FORCES:
+        yield kind.kernel
+    for constraint in CONSTRAINTS:
+        yield constraint.residuals
+        yield constraint.hessians
+    yield from (factorize, solve, perform, weigh, extrapolate, advance, advance_adapting)
+
+
+def object_code(kernel: Kernel, wanted: Target, store: disk.Store) -> bytes:
+    """Position-independent object code of a kernel for a target, in ELF; kept in the store."""
+    surroundings = (wanted.processor, wanted.features, llvm.llvm_version_info, numba.__version__)
+    identity = disk.digest(kernel.name, kernel.symbol, repr(surroundings))
+    name = f'{kernel.name[:150]}-{identity.hex()}'
+    code = store.read(name, identity)
+    if code is None:
+        code = _emitted(kernel, wanted)
+        with suppress(OSError):  # it is emitted anew then
+            store.write(name, code, identity)
+    return code
+
+
+def _emitted(kernel: Kernel, wanted: Target) -> bytes:
+    with global_compiler_lock:
+        optimised = kernel.result.library._get_module_for_linking()
+        module = llvm.parse_assembly(PYTHON_ENTRY.sub('', str(optimised)))
+        module.get_function(kernel.symbol).linkage = 'external'
+        machine = llvm.Target.from_triple(module.triple).create_target_machine(
+            cpu=wanted.processor, features=wanted.features, opt=3, reloc='pic', codemodel='default'
+        )
+        return machine.emit_object(module)
+
+
+def addresses(kernels: Mapping[int, Kernel]) -> tuple[dict[int, int], list[str]]:
+    """(address -> index, names by index) of kernels, for solver.native.image."""
+    names = sorted({kernel.name for kernel in kernels.values()})
+    index = {name: k for k, name in enumerate(names)}
+    return {address: index[kernel.name] for address, kernel in kernels.items()}, names

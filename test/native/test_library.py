@@ -1,0 +1,250 @@
+"""The native library gives the bits of a run in a process without Python, and answers everything by a code."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbd_sim_ros.commands.main import main
+from mbd_sim_ros.native import library
+from mbd_sim_ros.native.kernels import target
+from mbd_sim_ros.native.model import CHECKED, FIELDS, native, require_native
+from solver import load_scene, simulation_of
+from solver.analysis.verdict import findings
+from solver.errors import MbdError, SpecError
+from solver.inputs.command_filter import CommandSource
+
+HERE = Path(__file__).parent
+# An adapting mechanism with driven motions, a car with tires, road and relaxation, one step per millisecond without
+# adaptation, error control, fourth order.
+SCENES = {
+    'slider_crank': [],
+    'car_step_steer': [],
+    'constant': ['integrator.step_policy=constant'],
+    'by_error': ['integrator.step_policy=error'],
+    'fourth': ['integrator.order=4', 'integrator.rho_inf=1'],
+    'rescued': ['integrator.h=0.1'],
+}
+FIRST = 16 + 32  # bytes before the fields: magic and digest
+
+
+def scene_of(name: str):
+    """The scene of an entry of SCENES: variations are of the slider crank."""
+    return load_scene(name if not SCENES.get(name) else 'slider_crank', SCENES.get(name, []))
+
+
+@pytest.fixture(scope='module')
+def built(tmp_path_factory) -> Path:
+    """A directory with library, models and driver."""
+    there = tmp_path_factory.mktemp('native')
+    kernels = {}
+    for name in SCENES:
+        made = native(simulation_of(scene_of(name)), 'test')
+        (there / f'{name}.mbd').write_bytes(made.content)
+        kernels.update({kernel.name: kernel for kernel in made.kernels})
+    library.build(kernels.values(), target('v3'), there / library.NAME)
+    library.copy_sources(there)
+    compile_c(HERE / 'driver.c', there / 'driver', there)
+    return there
+
+
+def compile_c(source: Path, program: Path, there: Path) -> None:
+    """Compile a C program against the library, without a warning."""
+    command = [library.compiler(), '-std=c11', '-O2', '-Wall', '-Wextra', '-Werror', str(source), '-o', str(program)]
+    command += [f'-I{there}', f'-I{library.HERE}', f'-L{there}', '-lmbd', '-lm', '-lpthread', f'-Wl,-rpath,{there}']
+    subprocess.run(command, check=True, timeout=120)
+
+
+def driver(there: Path, *arguments: object) -> list[str]:
+    """Lines that the driver prints; a crash of it is an error."""
+    command = [str(there / 'driver'), arguments[0], str(there / f'{arguments[1]}.mbd'), *map(str, arguments[2:])]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, env={})
+    assert done.returncode in (0, 1), done
+    return done.stdout.splitlines()
+
+
+def digest(simulation) -> str:
+    """As the driver prints it."""
+    return f'{simulation.k} {hashlib.sha256(simulation.snapshot().numbers.tobytes()).hexdigest()[:32]}'
+
+
+@pytest.mark.parametrize('name', SCENES)
+def test_a_program_in_c_gives_the_bits_of_a_run(built, name):
+    simulation = simulation_of(scene_of(name))
+    for _ in range(20):
+        simulation.advance(10)
+    lines = driver(built, 'run', name, 200, 17)
+    assert lines[0] == digest(simulation)
+    if name == 'rescued':
+        assert simulation.totals()['events'] > 0  # steps were divided, in C as well
+    values = {line.split('|')[1]: float.fromhex(line.split('|')[3]) for line in lines[2:]}
+    totals = simulation.totals()
+    assert values['steps'] == 200 and values['iterations'] == totals['iterations']
+    assert values['events'] == totals['events'] and values['smallest_step'] == totals['smallest_step']
+    assert values['account/worst'] == totals['energy_error_max']
+    assert values['residual_max'] == totals['residual_max']
+
+
+def test_nothing_of_python_is_in_the_library(built):
+    told = subprocess.run(['nm', '-D', str(built / library.NAME)], capture_output=True, text=True, check=True).stdout
+    undefined = [line.split()[-1] for line in told.splitlines() if ' U ' in line]
+    assert undefined and not [name for name in undefined if name.startswith(('Py', '_Py', 'numba', 'NRT'))]
+    exported = [line.split()[-1] for line in told.splitlines() if ' T ' in line]
+    assert 'mbd_step' in exported and all(name.startswith('mbd_') for name in exported)
+
+
+def test_a_state_goes_on_in_another_process(built):
+    simulation = simulation_of(scene_of('car_step_steer'))
+    simulation.advance(150)
+    state = built / 'state'
+    driver(built, 'save', 'car_step_steer', 63, state)
+    assert driver(built, 'restore', 'car_step_steer', 87, state) == [digest(simulation)]
+    again = built / 'again'
+    driver(built, 'save', 'car_step_steer', 63, again)
+    assert state.read_bytes() == again.read_bytes()  # no address is in it
+    assert driver(built, 'restore', 'slider_crank', 1, state)[0].startswith('code 8: ')
+
+
+def test_two_models_in_two_threads_know_nothing_of_each_other(built):
+    simulation = simulation_of(scene_of('car_step_steer'))
+    simulation.advance(200)
+    assert driver(built, 'threads', 'car_step_steer', 200) == [digest(simulation)] * 2
+
+
+@pytest.mark.slow
+def test_models_that_are_made_and_freed_leave_nothing(built):
+    assert int(driver(built, 'cycle', 'slider_crank', 300)[0].split()[1]) < 16
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('state', [(), ('state',)], ids=['model', 'state'])
+def test_what_is_damaged_is_refused(built, state):
+    taken, damaged, version = driver(built, 'fuzz', 'slider_crank', 500, *state)[0].split()[1::2]
+    assert (int(taken), int(version)) == (0, 0) and int(damaged) > 450
+
+
+@pytest.mark.slow
+def test_places_beside_the_file_are_refused_though_the_digest_fits(built):
+    """Some of the fields are numbers that may be others; of the places in the parts nearly all that is drawn is wrong."""
+    fields = np.frombuffer((built / 'slider_crank.mbd').read_bytes()[FIRST : FIRST + 8 * len(FIELDS)], np.int64)
+    at = dict(zip(FIELDS, fields.tolist(), strict=True))
+    assert int(driver(built, 'places', 'slider_crank', 300, FIRST, FIRST + 8 * len(FIELDS))[0].split()[1]) > 200
+    for part, words in (('fixups', 4), ('variables', 4), ('kernels', 1)):
+        begin = at[f'{part}_at']
+        told = driver(built, 'places', 'slider_crank', 100, begin, begin + 8 * words * at[part])[0]
+        assert int(told.split()[1]) > 40, part
+
+
+def test_inputs_that_make_no_sense_are_refused_by_name(built):
+    assert 'input steering is not finite' in driver(built, 'run', 'car_step_steer', 1, 1, 'steering', 'nan')[0]
+    assert 'no variable is not an input' in driver(built, 'run', 'car_step_steer', 1, 1, 'stearing', 1)[0]
+    assert 'odom/pose/x is not an input' in driver(built, 'run', 'car_step_steer', 1, 1, 'odom/pose/x', 1)[0]
+    told = driver(built, 'run', 'car_step_steer', 1, 1, 'steering_rate', 1)[0]
+    assert told.endswith('steering_rate is part of a prescribed motion: set it with mbd_set_motion()')
+
+
+def test_the_steering_command_passes_the_filter_of_the_node(built):
+    simulation = simulation_of(scene_of('car_step_steer'))
+    names = simulation.channels.inputs
+    commands = CommandSource(names, simulation.h_ns)
+    for _ in range(120):
+        simulation.advance(1, commands.advance(0.7, 0.0, 300.0))
+    given = ('steering', 0.7, 'drive_torque', 0.0, 'brake_torque', 300.0)
+    assert driver(built, 'run', 'car_step_steer', 120, 120, *given)[0] == digest(simulation)
+
+
+def test_a_maneuver_that_has_ended_is_told_unless_it_stays_as_it_is(built):
+    ending = simulation_of(load_scene('car_swept_steer', ['duration=0.05']))
+    (built / 'ending.mbd').write_bytes(native(ending).content)
+    told = driver(built, 'run', 'ending', 100, 10)
+    assert told[0].startswith('code 9 at 50: the maneuver of the scene ends at 0.05 s, and input ')
+    assert driver(built, 'run', 'slider_crank', 10_001, 1000)[0].startswith('10001 ')  # its scene has 10000 steps
+
+
+def judged(there: Path, name: str, simulation, steps: int) -> tuple[bool, str]:
+    """(whether the library finds the run suspect, its reason)."""
+    (there / f'{name}.mbd').write_bytes(native(simulation).content)
+    _, verdict, *_ = (line for line in driver(there, 'run', name, steps, 100) if not line.startswith('code'))
+    return verdict.startswith('verdict 1'), verdict.removeprefix('verdict 1 suspect: ').partition(' ')[0]
+
+
+@pytest.mark.parametrize(
+    ('settings', 'found'),
+    [
+        ([], ''),
+        (['require.position_drift_max=1e-15'], 'position_drift_max'),
+        (['require.energy_error_max=1e-9'], 'energy_error_max'),
+        (['integrator.h=0.02', 'integrator.mode=fixed', 'integrator.iterations=1'], None),
+    ],
+)
+def test_the_verdict_is_that_of_the_checks_it_makes(built, settings, found):
+    simulation = simulation_of(load_scene('slider_crank', settings))
+    steps = min(simulation.scene.steps, 1000)
+    suspect, why = judged(built, 'judged', simulation, steps)
+    simulation.reset()
+    simulation.advance(steps)
+    expected = [finding.quantity for finding in findings(simulation) if finding.quantity in CHECKED]
+    assert found is None or (expected[:1] or ['']) == [found]
+    assert suspect == bool(expected) and (not expected or why in expected)
+
+
+@pytest.mark.parametrize(
+    ('name', 'settings', 'sentence'),
+    [
+        ('car_lane_change', [], 'maneuver: the scene has a driver'),
+        pytest.param('car_step_steer', ['fidelity=single_track'], "fidelity = 'single_track'", marks=pytest.mark.slow),
+        ('slider_crank', ['integrator.kind=reference_radau'], "integrator.kind = 'reference_radau'"),
+    ],
+)
+def test_what_lives_in_python_is_refused_by_name(name, settings, sentence):
+    with pytest.raises(SpecError, match=sentence):
+        require_native(simulation_of(load_scene(name, settings)))
+
+
+def test_without_a_c_compiler_there_is_one_sentence(monkeypatch):
+    monkeypatch.setenv('PATH', '')
+    monkeypatch.delenv('CC', raising=False)
+    with pytest.raises(MbdError, match='no C compiler was found'):
+        library.compiler()
+
+
+@pytest.mark.slow
+def test_the_command_writes_what_the_example_needs(built, tmp_path, capsys):
+    """The example drives the full car as fast as the clock asks, and says how late it was."""
+    assert main(['build', 'car_step_steer', '--out', str(tmp_path), '--json']) == 0
+    assert '"status": "ok"' in capsys.readouterr().out
+    assert (tmp_path / library.NAME).stat().st_size < 8_000_000
+    compile_c(tmp_path / 'real_time.c', tmp_path / 'real_time', tmp_path)
+    command = [str(tmp_path / 'real_time'), str(tmp_path / 'car_step_steer.mbd'), '0.5', '20']
+    told = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True, env={}).stdout
+    assert 'car_step_steer: 500 steps of 1 ms; at t = 0.5 s' in told
+    assert 'late [us]: median' in told and 'verdict: ok' in told
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_all_delivered_scenes_have_the_same_bits(built, tmp_path):
+    """Those with drivers by the inputs that these applied."""
+    kernels, expected = {}, {}
+    for path in sorted((HERE.parents[1] / 'config' / 'scenes').glob('*.yaml')):
+        simulation = simulation_of(load_scene(path.stem))
+        steps = min(200, simulation.scene.steps)
+        shorter = simulation_of(load_scene(path.stem, [f'duration={steps * simulation.h!r}']))
+        made = native(shorter, applied=shorter.sources.step_by_step)
+        (tmp_path / f'{path.stem}.mbd').write_bytes(made.content)
+        kernels.update({kernel.name: kernel for kernel in made.kernels})
+        simulation.advance(steps)
+        expected[path.stem] = digest(simulation)
+    library.build(kernels.values(), target('v3'), tmp_path / library.NAME)
+    shutil.copy(built / 'driver', tmp_path / 'driver')
+    for name, known in expected.items():
+        environment = {'LD_LIBRARY_PATH': str(tmp_path)}
+        command = [str(tmp_path / 'driver'), 'run', str(tmp_path / f'{name}.mbd'), known.split()[0], '50']
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60, check=False)
+        assert done.stdout.splitlines()[0] == known, name
+    assert len(expected) > 30
