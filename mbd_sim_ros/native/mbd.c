@@ -164,7 +164,7 @@ static int consistent(const char *content, int64_t size) {
     const int64_t *places = (const int64_t *)(content + f[LIMITS_AT]) + 16;
     for (int k = 0; k < 15; k++)
         if (!lies_within(places[k], 3, 8, written)) return 0;
-    if (places[15] >= written || places[15] % 8 != 0) return 0;
+    if (places[15] != -1 && !lies_within(places[15], 1, 8, written)) return 0;
     for (int k = SCENE; k <= UNCHECKED; k++)
         if (f[k] < 0 || f[k] >= f[TEXTS_SIZE]) return 0;
     return 1;

@@ -28,6 +28,7 @@ SCENES = {
     'constant': ['integrator.step_policy=constant'],
     'by_error': ['integrator.step_policy=error'],
     'fourth': ['integrator.order=4', 'integrator.rho_inf=1'],
+    'torque_free_top': [],
     'rescued': ['integrator.h=0.1'],
 }
 FIRST = 16 + 32  # bytes before the fields: magic and digest
@@ -130,7 +131,7 @@ def test_what_is_damaged_is_refused(built, state):
 
 @pytest.mark.slow
 def test_places_beside_the_file_are_refused_though_the_digest_fits(built):
-    """Some of the fields are numbers that may be others; of the places in the parts nearly all that is drawn is wrong."""
+    """Some of the fields are numbers that may be others; of the places nearly all that are drawn are wrong."""
     fields = np.frombuffer((built / 'slider_crank.mbd').read_bytes()[FIRST : FIRST + 8 * len(FIELDS)], np.int64)
     at = dict(zip(FIELDS, fields.tolist(), strict=True))
     assert int(driver(built, 'places', 'slider_crank', 300, FIRST, FIRST + 8 * len(FIELDS))[0].split()[1]) > 200
