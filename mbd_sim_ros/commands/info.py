@@ -6,11 +6,12 @@ import argparse
 import dataclasses
 import os
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mbd_sim_ros.commands import Result, add_scene, declare, names_of, offer, table
-from solver.errors import MbdError
+from solver.errors import MbdError, SceneError
 
 if TYPE_CHECKING:
     from solver.files.tire_receipt import Entry
@@ -61,7 +62,7 @@ def run(args: argparse.Namespace) -> Result:
         return _tire_file(args)
     if args.scene.lower().endswith('.mcap') or (os.path.isdir(args.scene) and any(Path(args.scene).glob('*.mcap'))):
         return _recording(args)
-    scene = _scene(args.scene, args.overrides)
+    scene = scene_of(args.scene, args.overrides)
     if args.resolved:
         return Result(
             data={'status': 'ok', 'scene': scene.name, 'resolved': scene.resolved}, text=scene.resolved.rstrip()
@@ -118,7 +119,7 @@ def run(args: argparse.Namespace) -> Result:
 
 def _tire_file(args: argparse.Namespace) -> Result:
     """The receipt of a tire file: every key used, ignored (why) or defaulted (value)."""
-    from solver.errors import SceneError, suggestion
+    from solver.errors import suggestion
     from solver.files.scene import config_directories
     from solver.files.tir import read_tir
     from solver.files.tire_receipt import receipt, turn_slip_of, warnings
@@ -156,7 +157,6 @@ def _tire_file(args: argparse.Namespace) -> Result:
 def _recording(args: argparse.Namespace) -> Result:
     """The run in a recording: its scene, verdict and numerical error."""
     from mbd_sim_ros.bags.reader import read
-    from solver.errors import SceneError
 
     for name, given in (('--set', args.overrides), ('--urdf', args.urdf), ('--resolved', args.resolved)):
         if given:
@@ -240,7 +240,7 @@ def _level(level: LevelReport) -> str:
     return ''.join('\n\n' + table(rows) for rows in parts if len(rows) > 1)
 
 
-def _scene(name: str, overrides: Sequence[str]) -> Scene:
+def scene_of(name: str, overrides: Sequence[str]) -> Scene:
     """The scene of that name or file; of a vehicle that is no scene: the vehicle standing on a flat road."""
     from solver.files.naming import included
     from solver.files.scene import known_names, load_scene, load_scene_text
@@ -248,8 +248,14 @@ def _scene(name: str, overrides: Sequence[str]) -> Scene:
     is_file = os.path.isfile(name)  # false of names that no file can have
     if is_file and _is_vehicle(Path(name)):
         return load_scene_text(STANDING.format(included(Path(name))), Path(name).stem, overrides)
-    if name not in known_names() and name in known_names('vehicles') and not is_file:
-        return load_scene_text(STANDING.format(f'vehicles/{name}.yaml'), name, overrides)
+    if name not in known_names() and not is_file:
+        vehicles = known_names('vehicles')
+        if name in vehicles:
+            return load_scene_text(STANDING.format(f'vehicles/{name}.yaml'), name, overrides)
+        if near := get_close_matches(name, vehicles, n=1):
+            raise SceneError(
+                f'{name!r}: no such file, and no name in config/scenes or config/vehicles; did you mean {near[0]!r}?'
+            )
     return load_scene(name, overrides)
 
 

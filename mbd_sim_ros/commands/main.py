@@ -46,6 +46,7 @@ from mbd_sim_ros.commands import (
     evaluate,
     export,
     info,
+    kandc,
     maneuver,
     plan,
     recover,
@@ -64,6 +65,7 @@ from solver.errors import MbdError, missing, refused, suggestion
 COMMANDS = (
     listing,
     info,
+    kandc,
     run,
     plan,
     maneuver,
