@@ -55,6 +55,7 @@ from mbd_sim_ros.commands import (
     schema,
     study,
     sweep,
+    tune,
     view,
 )
 from mbd_sim_ros.commands import list as listing
@@ -69,6 +70,7 @@ COMMANDS = (
     run,
     plan,
     maneuver,
+    tune,
     sweep,
     export,
     compare,
