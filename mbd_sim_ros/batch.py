@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -29,10 +30,13 @@ from solver.analysis.verdict import ERROR, passes, report, status_of
 from solver.errors import MbdError, StepError
 from solver.files.scene import load_scene_text
 from solver.findings import Finding
+from solver.model.state import Saved
+from solver.output.seen import Seen
 from solver.output.snapshot import Snapshot
 from solver.simulation import Simulation
 
-UNRECORDED_CHUNK = 100  # steps per call when nobody looks between
+UNRECORDED_CHUNK = 100  # steps between two looks when nobody asks for more
+ROWS = 64  # instants that are looked at in one call, at most; ten times as many leave the caches of a processor
 LAST = 200  # steps before a failure that are recorded every one
 LAST_STEPS = 'last_steps'  # name of their recording, in the directory of the run
 DEAF = 0.1  # s that a call of many steps may take; nobody looks for signals meanwhile
@@ -78,10 +82,19 @@ def record(
     return messages, StepRecorder(directory, messages.topics, channels.inputs, simulation.k, metadata)
 
 
+def require_finite_rows(seen: Seen, simulation: Simulation) -> None:
+    """Raise StepError where something that was seen is not finite; see require_finite()."""
+    numbers = seen.numbers
+    if math.isfinite(numbers.sum()):  # not a product of matrices, which would start threads
+        return
+    for k, row in zip(seen.steps.tolist(), numbers, strict=True):
+        require_finite(simulation.snapshot_of(k, row), simulation.channels)
+
+
 def warm_up(simulation: Simulation) -> None:
     """Compile what a step needs, outside of any measurement; the simulation is at its start afterwards."""
     with suppress(MbdError):  # it will fail again, where it is reported
-        simulation.advance(1)
+        simulation.advance(1, seen=simulation.seen(1, 1))
     simulation.reset()
 
 
@@ -93,13 +106,17 @@ class _Meter:
         self._begin, self._cpu = time.perf_counter(), 0.0
         self.portion = Portion()
 
-    def advance(self, n: int, inputs: np.ndarray | None) -> Snapshot:
-        """Make n steps in one call."""
+    def advance(self, n: int, inputs: np.ndarray | None, seen: Seen) -> StepError | None:
+        """Make n steps in one call; why not all of them were made."""
         started, clock = time.thread_time(), time.perf_counter()
-        snapshot = self._simulation.advance(n, inputs)
-        self._cpu += time.thread_time() - started
-        self.portion.took(n, time.perf_counter() - clock)
-        return snapshot
+        try:
+            self._simulation.advance(n, inputs, seen=seen)
+        except StepError as failure:
+            return failure
+        finally:
+            self._cpu += time.thread_time() - started
+            self.portion.took(n, time.perf_counter() - clock)
+        return None
 
     def figures(self) -> dict[str, Any]:
         """The figures of the run up to now."""
@@ -121,25 +138,33 @@ class _Track:
 
     def show(self) -> None:
         """Record the present state, unless that is done."""
-        if self._writing is not None and self._written != self._simulation.k:
+        if self._writing is None:
+            require_finite(self._simulation.snapshot(), self._simulation.channels)
+        elif self._written != self._simulation.k:
             self._take(*self._writing, self._simulation.snapshot())
 
-    def follow(self, snapshot: Snapshot, *, ends: bool) -> None:
-        """Note the inputs of the steps that led to a snapshot, and record it where it is its turn, or where the run
-        ends."""
-        simulation = self._simulation
+    def follow(self, first: int, seen: Seen) -> None:
+        """Note the inputs of the steps behind step `first`, and record what was seen of them where it is its turn."""
+        simulation, at = self._simulation, first
         if self._writing is None:
-            require_finite(snapshot, simulation.channels)
+            require_finite_rows(seen, simulation)
             return
         messages, recorder = self._writing
-        if simulation.applied is not None:
-            recorder.note(simulation.k, simulation.applied)
-        if simulation.k % self.every == 0 or ends:
-            self._take(messages, recorder, snapshot)
+        for k, numbers in zip(seen.steps.tolist(), seen.numbers, strict=True):
+            if k % self.every == 0:
+                self._note(recorder, first, at, k)
+                at = k
+                self._take(messages, recorder, simulation.snapshot_of(k, numbers))
+        self._note(recorder, first, at, simulation.k)
+
+    def _note(self, recorder: StepRecorder, first: int, begin: int, end: int) -> None:
+        """Note the inputs of the steps from `begin` to `end`, of a call that began at step `first`."""
+        if self._simulation.applied is not None and end > begin:
+            recorder.note(end, self._simulation.applied[begin - first : end - first])
 
     def _take(self, messages: Messages, recorder: StepRecorder, snapshot: Snapshot) -> None:
         recorder.record(snapshot.t_ns, messages.encode(snapshot))
-        self._written = self._simulation.k
+        self._written = snapshot.k
 
     def close(self, verdict: Mapping[str, str], figures: Mapping[str, Any]) -> None:
         """Finish the recording."""
@@ -151,18 +176,19 @@ class _Track:
 
 
 class _Past:
-    """A saved state from LAST steps ago at least; `state` is empty before there is one."""
+    """A state from LAST steps ago at least; `state` is empty before there is one."""
 
     def __init__(self, simulation: Simulation) -> None:
-        self.state = b''
+        self.state: dict[str, np.ndarray] = {}
         self._simulation = simulation
-        self._recent = (simulation.k, b'')
+        self._recent = (simulation.k, self.state)
 
-    def follow(self) -> None:
-        """Save the present state where the last one that was saved is LAST steps old."""
+    def follow(self) -> int:
+        """Keep the present state where the last one that was kept is LAST steps old; steps until the next turn."""
         k, recent = self._recent
         if self._simulation.k >= k + LAST:
-            self.state, self._recent = recent, (self._simulation.k, self._simulation.save())
+            k, self.state, self._recent = self._simulation.k, recent, (self._simulation.k, self._simulation.arrays())
+        return k + LAST - self._simulation.k
 
 
 @dataclass(kw_only=True)
@@ -195,23 +221,27 @@ class _Run:
     def make(self) -> Iterator[int]:
         """Make the steps, up to `steps` or a signal; gives the number of each call."""
         simulation, steps, every = self.simulation, self.steps, self.track.every
-        look = self.envelope.every(simulation.h_ns) or UNRECORDED_CHUNK
+        look = self.envelope.every(simulation.h_ns) or every
+        seen = simulation.seen(math.gcd(look, every), ROWS)
         while simulation.k < steps and not interrupts.received():
             k = simulation.k
-            seen = steps if self.twin is None or self.twin.next is None else self.twin.next
-            n = 1 if self.balances else min(every - k % every, look - k % look, seen - k, self.meter.portion.most)
+            wanted = steps if self.twin is None or self.twin.next is None else self.twin.next
+            n = 1 if self.balances else min(wanted - k, self.meter.portion.most, (ROWS - 1) * seen.every)
             if self.past is not None:
-                self.past.follow()
-            snapshot = self.meter.advance(n, None if self.source is None else self.source.table(k, n))
-            ended = simulation.k == steps
-            if simulation.k % look == 0 or ended:  # whatever is recorded, and however fast the machine is
-                self.envelope.look(snapshot)
+                n = min(n, self.past.follow())
+            failure = self.meter.advance(n, None if self.source is None else self.source.table(k, n), seen)
+            looked = seen.steps % look == 0  # whatever is recorded, and however fast the machine is
+            self.envelope.look_at(seen.steps[looked] * simulation.h_ns, seen.numbers[looked])
+            self.track.follow(k, seen)
+            if failure is not None:
+                raise failure
             if self.twin is not None:
-                self.twin.note(snapshot)
+                self.twin.note(simulation.snapshot())
             if self.balances:
                 self.balances.update()
-            self.track.follow(snapshot, ends=ended or bool(interrupts.received()))
             yield n
+        if simulation.k == steps and steps % look:
+            self.envelope.look(simulation.snapshot())
 
     def measure(self) -> Iterator[int]:
         """Make the steps of the twin, up to a signal; gives the number of each call."""
@@ -327,7 +357,8 @@ def simulate(
     if run.failure is not None:
         if run.past is None or directory is None:
             raise run.failure
-        begin, there = run.past.state or state, directory / LAST_STEPS
+        begin = Saved.of(run.past.state) if run.past.state else state
+        there = directory / LAST_STEPS
         where = _last_steps(simulation, steps, there, source, begin, frame_prefix, parameters)
         raise StepError(f'{run.failure}; {where}') from run.failure
     if run.signal:

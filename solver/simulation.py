@@ -22,6 +22,7 @@ from solver.inputs.sources import Sources
 from solver.model.state import FORMAT, Saved, State, fitting, require_format, step_of
 from solver.model.tables import Model
 from solver.output.branches import BranchSwitch, BranchWatch
+from solver.output.seen import Seen
 from solver.output.snapshot import NO_STEPS, Channels, Counters, Snapshot
 from solver.scene import Scene
 from solver.step.adaptation import Adaptation
@@ -129,27 +130,38 @@ class Simulation:
         self._inputs = np.array(self.sources.reset(), float)
         self.engine.reset(self._inputs)
 
-    def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> Snapshot:
+    def seen(self, every: int, most: int) -> Seen:
+        """Table for the numbers of every so many steps, of at most so many rows (Simulation.advance)."""
+        return Seen(every, most, len(self._shown.numbers))
+
+    def advance(
+        self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True, seen: Seen | None = None
+    ) -> Snapshot:
         """Advance n steps and return the Snapshot after the last.
 
         inputs: (nu,) held for all steps, or (n, nu) one row a step, in SI units and the order of channels.inputs; None
         samples maneuver and driver of the scene, behind its actuators. audit: evaluate forces after every step, keep
-        the energy balance and look for branch switches if the scene asks for them. Raises StepError; the state is that
-        of the last good step then.
+        the energy balance and look for branch switches if the scene asks for them. seen: takes the numbers of the steps
+        that it is to see, the same as those of a call for each of them. Raises StepError; the state is that of the last
+        good step then.
         """
+        if seen is not None:
+            seen.clear()
+            if not seen.fits(self.k, n):
+                raise ValueError(f'advance: {n} steps have more rows than {seen.most}')
         if self.engine.follows:
             if inputs is not None:
                 raise SpecError(
                     'advance: a reference integrator follows the maneuver of its scene and takes no other inputs'
                 )
-            self._advance(n, np.empty((1, len(self._inputs))), audit)
+            self._advance(n, np.empty((1, len(self._inputs))), audit, seen)
             return self.snapshot()
         if inputs is None and self.sources.step_by_step:
             rows = np.empty((n, len(self._inputs)))
             for i in range(n):
                 self._applied = rows[:i]
                 rows[i] = self.sources.sample(self.k, self._shown.sight, self.feel)
-                self._advance(1, rows[i : i + 1], audit)
+                self._advance(1, rows[i : i + 1], audit, seen)
             self._applied = rows
             return self.snapshot()
         if inputs is None:
@@ -161,15 +173,15 @@ class Simulation:
             inputs = inputs.copy()  # kernels are compiled for arrays that can be written
         before = self.k
         try:
-            self._advance(n, inputs, audit)
+            self._advance(n, inputs, audit, seen)
         finally:
             done = self.k - before
             self._applied = inputs[:done] if len(inputs) == n else np.broadcast_to(inputs, (done, inputs.shape[1]))
         return self.snapshot()
 
-    def _advance(self, n: int, inputs: np.ndarray, audit: bool) -> None:
+    def _advance(self, n: int, inputs: np.ndarray, audit: bool, seen: Seen | None) -> None:
         self._inputs = self._inputs.copy()  # those shown before stay as they were
-        moved = self.engine.advance(self.k, inputs, n, audit, self._inputs)
+        moved = self.engine.advance(self.k, inputs, n, audit, self._inputs, seen)
         self.k += moved.steps
         self._counters = moved.counters
         self._totals = self._totals.followed_by(moved.counters)
@@ -207,13 +219,22 @@ class Simulation:
         self._shown.current()
         return Snapshot(self.k, self.t_ns, self._shown.numbers.copy(), self._shown.layout, self._counters)
 
+    def snapshot_of(self, k: int, numbers: np.ndarray) -> Snapshot:
+        """Snapshot of step k, whose numbers (n,) are taken as they are."""
+        return Snapshot(k, k * self.h_ns, numbers, self._shown.layout, self._counters)
+
     # -- state and reports --------------------------------------------------------------------------------------------
 
     def save(self) -> bytes:
         """Everything the future depends on, and what the run so far is judged by, as bytes for restore()."""
+        return Saved.of(self.arrays())
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Copies of the arrays that save() makes bytes of (solver.model.state.Saved)."""
         envelope = {'inputs': self._inputs, 'audit': self._shown.account.numbers, 'totals': np.array(self._totals)}
         head = {'format': np.array(FORMAT), 'k': np.array(self.k, np.int64)}
-        return Saved.of({**head, **self.engine.arrays(), **envelope, **self.sources.memory()})
+        parts = {**head, **self.engine.arrays(), **envelope, **self.sources.memory()}
+        return {name: np.array(array) for name, array in parts.items()}
 
     def restore(self, data: bytes, *, elsewhere: bool = False) -> None:
         """Continue from save(). elsewhere: it is that of another scene of the vehicle. Raises SpecError if it belongs

@@ -16,6 +16,7 @@ import yaml
 from mcap.exceptions import UnsupportedCompressionError
 from mcap.writer import CompressionType, Writer
 
+from mbd_sim_ros.bags.chunks import Message, write_chunk
 from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import ELEMENTS, TYPE_HASHES, Topic
 from solver.disk import atomic_write
@@ -33,8 +34,6 @@ RECORD = 'mbd_sim_ros'  # name of the metadata record that describes the run
 # A recording without the entry is of mbd_sim_ros 0.1 (format 1). Older formats are read, newer ones are refused
 # (records.py).
 FORMAT = 2
-# (index of the topic, time of recording [ns], time of publishing [ns], encoded message)
-_Message = tuple[int, int, int, bytes]
 # media type of attachments with arrays of the scene; their name is their hash (solver.stored)
 ARRAYS = 'application/x-mbd-arrays'
 RESULT = 'mbd_sim_ros_result'  # name of the metadata record that is written at the end of a run
@@ -67,10 +66,9 @@ class BagWriter:
         self.directory = Path(directory)
         self.topics = [topic._replace(name='/' + topic.name.lstrip('/')) for topic in topics]
         self.path = self.directory / f'{self.directory.name}_0.mcap'
-        self.count = [0] * len(topics)
-        self._waiting: tuple[list[_Message], ...] = ([], [], [])  # messages of the next chunk of each kind
+        self._counts: dict[int, int] = {}  # messages of every channel so far
+        self._waiting: tuple[list[Message], ...] = ([], [], [])  # messages of the next chunk of each kind
         self._size = 0  # bytes of these messages
-        self._chunk_of = [self._waiting[_weight(topic.name)] for topic in topics]
         self.first_ns: int | None = None
         self.last_ns = 0
         self._custom = {
@@ -126,6 +124,7 @@ class BagWriter:
             about = {'offered_qos_profiles': yaml.safe_dump([quality_of_service(topic)], sort_keys=False)}
             about['topic_type_hash'] = TYPE_HASHES.get(topic.type, '')
             self._channels.append(self._writer.register_channel(topic.name, 'cdr', known[topic.type], about))
+        self._into = [(self._waiting[_weight(t.name)], id) for t, id in zip(self.topics, self._channels, strict=True)]
 
     def _failure(self, error: OSError) -> str:
         return (
@@ -141,8 +140,10 @@ class BagWriter:
         if self.first_ns is None:
             self.first_ns = t_ns
         self.first_ns, self.last_ns = min(self.first_ns, t_ns), max(self.last_ns, t_ns)
+        published = t_ns if published_ns is None else published_ns
         for index, data in messages:
-            self._chunk_of[index].append((index, t_ns, t_ns if published_ns is None else published_ns, data))
+            waiting, channel = self._into[index]
+            waiting.append((channel, t_ns, published, data))
             self._size += len(data)
         if self._size >= CHUNK_BYTES:
             self.flush()
@@ -151,11 +152,9 @@ class BagWriter:
         """Write the chunks in progress, so that all messages so far can be recovered if the process is killed."""
         try:
             for waiting in self._waiting:
-                for index, t_ns, published_ns, data in waiting:
-                    self._writer.add_message(self._channels[index], t_ns, data, published_ns, self.count[index])
-                    self.count[index] += 1
-                self._writer.flush()
+                write_chunk(self._writer, waiting, self._counts)
                 waiting.clear()
+            self._file.flush()
         except OSError as error:
             raise BagError(self._failure(error)) from error
         self._size = 0
@@ -182,6 +181,11 @@ class BagWriter:
             self.abandon()
             raise BagError(self._failure(error)) from error
         return self.directory
+
+    @property
+    def count(self) -> list[int]:
+        """Messages of every topic that have been written."""
+        return [self._counts.get(channel, 0) for channel in self._channels]
 
     def abandon(self) -> None:
         """Close the file as it is; its name still ends in `.part`."""

@@ -18,7 +18,7 @@ from mbd_sim_ros import interrupts
 from mbd_sim_ros.analysis import evaluation
 from mbd_sim_ros.analysis.evaluation import judging
 from mbd_sim_ros.analysis.vehicle_figures import vehicle_figures
-from mbd_sim_ros.batch import record, warm_up
+from mbd_sim_ros.batch import ROWS, record, require_finite_rows, warm_up
 from mbd_sim_ros.messages.encode import require_finite
 from mbd_sim_ros.sweep.design import ERRORS, UNITS, SweepFigure
 from solver import simulation_of
@@ -194,8 +194,9 @@ def _run(scene: Scene, figures: Mapping[str, SweepFigure], bag: Path | None, ask
     """status, message, figures (None where there is none), errors (of figures, and the sentence on the run). asked:
     SweepCase.twin."""
     found: dict[str, Quantity] = {}
-    instants: list[float] = []
+    instants: list[np.ndarray] = []
     values: list[np.ndarray] = []
+    places = np.zeros(0, int)  # of a snapshot, which the figures are of
     recorder = messages = None
     status, message, told = ERROR, '', list[Finding]()
     errors: dict[str, Any] = {}
@@ -210,25 +211,38 @@ def _run(scene: Scene, figures: Mapping[str, SweepFigure], bag: Path | None, ask
         envelope = Envelope(simulation)
         twin = Twin(simulation, scene.steps) if asked else None
         look = envelope.every(simulation.h_ns) or sample  # as in a run (mbd_sim_ros.batch)
-        while True:  # figures and verdict are of the same instants whether the case is recorded or not
-            k, last, snapshot = simulation.k, simulation.k >= scene.steps, simulation.snapshot()
-            if k % sample == 0 or last:
+        # figures and verdict are of the same instants whether the case is recorded or not
+        seen = simulation.seen(math.gcd(sample, look), ROWS)
+        places = np.unique([place for one in found.values() for place in one.places]).astype(int)
+
+        def take(steps: np.ndarray, rows: np.ndarray) -> None:
+            """Keep what the figures are of."""
+            instants.append(steps * simulation.h_ns * 1e-9)
+            values.append(rows[:, places])
+
+        require_finite(simulation.snapshot(), simulation.channels)
+        take(np.array([simulation.k]), simulation.snapshot().numbers[None])
+        if recorder and messages:
+            recorder.record(simulation.t_ns, messages.encode(simulation.snapshot()))
+        while simulation.k < scene.steps:
+            k = simulation.k
+            wanted = scene.steps if twin is None or twin.next is None else twin.next
+            snapshot = simulation.advance(min((ROWS - 1) * seen.every, every - k % every, wanted - k), seen=seen)
+            require_finite_rows(seen, simulation)
+            steps, rows, last = seen.steps, seen.numbers, simulation.k == scene.steps
+            if last and (not len(steps) or steps[-1] != simulation.k):
                 require_finite(snapshot, simulation.channels)
-                instants.append(snapshot.t_ns * 1e-9)
-                values.append(snapshot.numbers)
-            if k and (k % look == 0 or last):
-                envelope.look(snapshot)
+                steps, rows = np.append(steps, simulation.k), np.concatenate([rows, snapshot.numbers[None]])
+            at = steps == scene.steps
+            take(steps[(steps % sample == 0) | at], rows[(steps % sample == 0) | at])
+            envelope.look_at(steps[(steps % look == 0) | at] * simulation.h_ns, rows[(steps % look == 0) | at])
             if recorder and messages:
-                if k and simulation.applied is not None:
-                    recorder.note(k, simulation.applied)
-                if k % every == 0 or last:
+                if simulation.applied is not None:
+                    recorder.note(simulation.k, simulation.applied)
+                if simulation.k % every == 0 or last:
                     recorder.record(snapshot.t_ns, messages.encode(snapshot))
             if twin is not None:
                 twin.note(snapshot)
-            if last:
-                break
-            seen = scene.steps if twin is None or twin.next is None else twin.next
-            simulation.advance(min(sample - k % sample, look - k % look, every - k % every, seen - k))
         bar = NOT_ASKED if twin is None else twin.made()
         told = weighed(simulation, envelope, error=bar if asked == 'decides' else NOT_ASKED).suspect
         if twin is not None and bar.measured:
@@ -241,9 +255,10 @@ def _run(scene: Scene, figures: Mapping[str, SweepFigure], bag: Path | None, ask
     finally:
         if recorder is not None:
             recorder.close({'status': status, 'findings': json.dumps(report(told))})
-    numbers = (
-        dict.fromkeys(figures) if status == ERROR else _figures(figures, found, np.array(instants), np.array(values))
-    )
+    numbers: dict[str, float | None] = dict.fromkeys(figures)
+    if status != ERROR:
+        kept = {name: one._replace(places=np.searchsorted(places, one.places)) for name, one in found.items()}
+        numbers = _figures(figures, kept, np.concatenate(instants), np.concatenate(values))
     return {'status': status, 'message': message, 'figures': numbers, ERRORS: errors}
 
 

@@ -19,7 +19,6 @@ from __future__ import annotations
 import copy
 import math
 import threading
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +29,7 @@ from solver.checks.level import ENVELOPE
 from solver.checks.vehicle import LEANING, ROLLOVER, TIRE_LOAD
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.findings import Finding, Limit
-from solver.output.snapshot import Channels, Snapshot, layout_of
+from solver.output.snapshot import Channels, Snapshot, layout_of, new_numbers
 from solver.quantities import Quantity, names, quantity
 from solver.simulation import Simulation
 from solver.vehicle.size import Size, size_of
@@ -172,12 +171,13 @@ class _Lean:
         self._place = slice(begin, begin + 4)
         self.least, self.time = 1.0, 0.0
 
-    def look(self, snapshot: Snapshot) -> None:
-        x, y, z, w = snapshot.numbers[self._place].tolist()
+    def fold(self, rows: np.ndarray, times: np.ndarray) -> None:
+        x, y, z, w = rows[:, self._place].T
         a, b, c = self._normal
         cosine = 2.0 * (a * (x * z + w * y) + b * (y * z - w * x)) + c * (1.0 - 2.0 * (x * x + y * y))
-        if cosine < self.least:
-            self.least, self.time = cosine, snapshot.t_ns * 1e-9
+        k = int(np.argmin(np.where(cosine < self.least, cosine, self.least)))
+        if cosine[k] < self.least:
+            self.least, self.time = float(cosine[k]), float(times[k])
 
     def finding(self) -> Finding | None:
         angle = math.acos(max(-1.0, self.least))
@@ -199,14 +199,19 @@ class _Carried:
         self._sum, self._n, self._begin, self._time = np.zeros(len(ends)), 0, 0.0, 0.0
         self.worst = (0.0, 0, 0.0, 0.0)  # of the end of the data; which tire, its load [N], until when [s]
 
-    def look(self, snapshot: Snapshot) -> None:
-        self._time = snapshot.t_ns * 1e-9
-        if self._n == 0:
-            self._begin = self._time
-        self._sum = self._sum + snapshot.numbers[self._places]
-        self._n += 1
-        if self._time - self._begin >= WINDOW:
-            self._close()
+    def fold(self, rows: np.ndarray, times: np.ndarray) -> None:
+        loads = rows[:, self._places]
+        while len(loads):
+            if self._n == 0:
+                self._begin = float(times[0])
+            full = np.flatnonzero(times - self._begin >= WINDOW)
+            n = int(full[0]) + 1 if len(full) else len(loads)
+            # one behind the other, as they came: however many are looked at together
+            self._sum = np.add.accumulate(np.concatenate([self._sum[None], loads[:n]]))[-1]
+            self._n, self._time = self._n + n, float(times[n - 1])
+            if len(full):
+                self._close()
+            loads, times = loads[n:], times[n:]
 
     def end(self) -> None:
         if self._n and self._time - self._begin >= 0.5 * WINDOW:
@@ -252,7 +257,8 @@ class Envelope:
                 watched.append(_Frequency(limit, simulation.channels, size))
         with self._lock:
             self._watched = watched
-            self._noted: list[Snapshot] = []
+            self._rows = np.zeros((ROWS, len(new_numbers(layout_of(simulation.channels)))))
+            self._times, self._count = np.zeros(ROWS), 0
             self._leans = [_Lean(simulation, body) for body in _upright(simulation)]
             self._carried = [_Carried(simulation, ends)] if (ends := _ends_of_data(simulation)) else []
             self._impossible = [one] if self._leans and (one := Impossible(simulation)) else []
@@ -271,13 +277,23 @@ class Envelope:
 
     def look(self, snapshot: Snapshot) -> None:
         """Note a snapshot."""
+        if self._follows:
+            self.look_at(np.array([snapshot.t_ns]), snapshot.numbers[None])
+
+    def look_at(self, t_ns: np.ndarray, rows: np.ndarray) -> None:
+        """Note the numbers (n, m) of the snapshots at n instants [ns]: as look() at each."""
         if not self._follows:
             return
         with self._lock:
-            self._noted.append(snapshot)
-            if len(self._noted) >= ROWS:
-                _fold([*self._watched, *self._impossible], self._leans, self._carried, self._noted)
-                self._noted.clear()
+            while len(rows):
+                n = min(ROWS - self._count, len(rows))
+                here = slice(self._count, self._count + n)
+                self._rows[here], self._times[here] = rows[:n], t_ns[:n] * 1e-9
+                self._count, rows, t_ns = self._count + n, rows[n:], t_ns[n:]
+                if self._count == ROWS:  # together, for that takes less of a step than each when it comes
+                    for one in (*self._watched, *self._impossible, *self._leans, *self._carried):
+                        one.fold(self._rows, self._times)
+                    self._count = 0
 
     def findings(self, *, ended: bool = True) -> list[Finding]:
         """Findings on quantities that left their range so far, at their worst. It changes nothing: what a run is told
@@ -286,10 +302,11 @@ class Envelope:
         ended: nothing more is to come, so windows that are not full are judged as well.
         """
         with self._lock:
-            present, noted = [copy.copy(watched) for watched in self._watched], self._noted.copy()
-            states = [copy.copy(one) for one in self._impossible]
-            leans, loads = [copy.copy(lean) for lean in self._leans], [copy.copy(carried) for carried in self._carried]
-        _fold([*present, *states], leans, loads, noted)
+            present, states = [copy.copy(watched) for watched in self._watched], [*map(copy.copy, self._impossible)]
+            leans, loads = [*map(copy.copy, self._leans)], [*map(copy.copy, self._carried)]
+            rows, times = self._rows[: self._count].copy(), self._times[: self._count].copy()
+        for one in (*present, *states, *leans, *loads) if len(rows) else ():
+            one.fold(rows, times)
         found = [finding for state in states for finding in state.findings()]
         found += [rolled for lean in leans if (rolled := lean.finding())]
         for carried in loads:
@@ -339,21 +356,3 @@ def _ends_of_data(simulation: Simulation) -> dict[str, float]:
     tires = () if model is None or not simulation.of_bodies else model.spec.tires
     ends = {tire.name: float(tire.data.values.get('FZMAX', 0.0)) for tire in tires}
     return {name: end for name, end in ends.items() if end > 0.0 and name in simulation.channels.wheels}
-
-
-def _fold(
-    watched: Sequence[_Range | _Frequency | Impossible],
-    leans: list[_Lean],
-    carried: list[_Carried],
-    snapshots: list[Snapshot],
-) -> None:
-    """Follow what was noted: together, for that takes less of a step than each when it comes."""
-    for snapshot in snapshots:
-        for lean in leans:
-            lean.look(snapshot)
-        for tires in carried:
-            tires.look(snapshot)
-    if watched and snapshots:
-        rows, times = np.array([one.numbers for one in snapshots]), np.array([one.t_ns for one in snapshots]) * 1e-9
-        for one in watched:
-            one.fold(rows, times)

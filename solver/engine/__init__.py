@@ -21,6 +21,7 @@ import numpy as np
 from solver.inputs.driver import Sight
 from solver.model.tables import Model
 from solver.output.account import Account
+from solver.output.seen import Seen
 from solver.output.snapshot import Channels, Counters, Layout
 from solver.scene import Scene
 from solver.start.placement import Changes
@@ -107,11 +108,14 @@ class Engine(Protocol):
     def show(self, k: int, u: np.ndarray) -> None:
         """Show the present state as step k; the account goes on."""
 
-    def advance(self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray) -> Moved:
+    def advance(
+        self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray, seen: Seen | None = None
+    ) -> Moved:
         """n steps from step k on, with a row of inputs each; a single row holds for all. last (nu,): becomes the inputs
         of the last step.
 
-        audit: keep the energy account, and look for branch switches where the scene asks for them. After a failure the
+        audit: keep the energy account, and look for branch switches where the scene asks for them. seen: takes what is
+        shown after the steps that it is to see. After a failure the
         state is that of the last good step. Fewer steps than asked for, without a failure, are done when somebody asks
         for an end.
         """

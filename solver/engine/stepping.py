@@ -15,6 +15,7 @@ from solver.errors import SpecError
 from solver.model.saddle import CONDENSED, new_saddle
 from solver.model.state import State, copy_state
 from solver.output.branches import BranchSwitch
+from solver.output.seen import Seen
 from solver.output.snapshot import NO_STEPS
 from solver.scene import Scene
 from solver.start.branch_check import turn_across
@@ -23,6 +24,7 @@ from solver.step.adaptation import Adaptation, is_idle
 from solver.step.augmented_lagrangian import advance
 from solver.step.control import Event
 from solver.step.extrapolation import extrapolate, require_resolved_bushings, require_resolved_friction
+from solver.step.seen import advance_seen
 from solver.step.work import OK
 
 KINDS = ('alf', 'm_alf')  # of integrators
@@ -93,7 +95,9 @@ class Stepping:
         self.shown.show(u)
         self.shown.account.numbers[:] = kept
 
-    def advance(self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray) -> Moved:
+    def advance(
+        self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray, seen: Seen | None = None
+    ) -> Moved:
         """See Engine.advance(). Every step is a call of its own while branches are looked for."""
         bodies, adaptation, held = self.shown, self.adaptation, len(inputs) == 1
         looks = audit and bodies.branches is not None
@@ -103,8 +107,17 @@ class Stepping:
         while done < n:
             if adaptation is not None:
                 result, steps = adaptation.advance(
-                    bodies.states, inputs, done, part, k + done, audit, lambda k: self._look_at_rescue(k, last)
-                )
+                    bodies.states, inputs, done, part, k + done, audit, lambda k: self._look_at_rescue(k, last), seen,
+                    bodies.numbers,
+                )  # fmt: skip
+            elif seen is not None:
+                result, steps, taken = advance_seen(
+                    self._tables, bodies.scheme, *bodies.states, inputs, done, part, k + done, audit, seen.every,
+                    bodies.numbers, seen.free, bodies.work,
+                )  # fmt: skip
+                seen.took(k + done, taken)
+                if steps % 2 == 1:
+                    bodies.states.reverse()
             else:
                 result, steps = advance(
                     self._tables, bodies.scheme, *bodies.states, inputs, done, part, audit, bodies.work

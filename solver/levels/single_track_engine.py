@@ -19,7 +19,7 @@ from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
 from solver.inputs.maneuver import ACCELERATION, RATE
 from solver.levels.track_friction import LOOK, note, varies
-from solver.levels.track_step import advance, start
+from solver.levels.track_step import advance, advance_seen, start
 from solver.levels.track_tables import (
     AXLE_COLUMNS,
     GIVE,
@@ -48,6 +48,7 @@ from solver.model.evaluate import prepare
 from solver.model.frames import matrix
 from solver.model.state import fitting
 from solver.output.account import Account, new_account
+from solver.output.seen import Seen
 from solver.output.snapshot import NO_STEPS, Channels, Counters, OutputArrays, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
 from solver.start.displacement import require_near, require_uniform
@@ -276,17 +277,24 @@ class SingleTrack:
     def show(self, k: int, u: np.ndarray) -> None:
         """Nothing to do: the state is shown after every step."""
 
-    def advance(self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray) -> Moved:
+    def advance(
+        self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray, seen: Seen | None = None
+    ) -> Moved:
         """See Engine.advance(). On a road of varying friction the motion is looked at every LOOK."""
         # what is not finite is refused before anything is advanced
         looks = audit and self._varies and bool(np.isfinite(inputs).all())
         piece = max(1, LOOK // self.scene.integrator.h_ns) if looks else n
         status = done = 0
         for first in range(0, n, piece):
-            status, steps = advance(
-                self.tables, self.y, inputs, self._index, last, first, min(piece, n - first), audit, self.h, self.parts,
-                self._scratch, self._frame,
-            )  # fmt: skip
+            steps_of = self.tables, self.y, inputs, self._index, last, first, min(piece, n - first)
+            if seen is None:
+                status, steps = advance(*steps_of, audit, self.h, self.parts, self._scratch, self._frame)
+            else:
+                status, steps, taken = advance_seen(
+                    *steps_of, k + first, audit, self.h, self.parts, seen.every, self.numbers, seen.free, self._scratch,
+                    self._frame,
+                )  # fmt: skip
+                seen.took(k + first, taken)
             if status == 1:
                 name = self.channels.inputs[steps]
                 return Moved(

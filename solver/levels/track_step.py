@@ -290,3 +290,23 @@ def advance(t, y, inputs, index, u_before, first, count, audit, h, parts, w, fra
     if count > 0:
         show(t, y, w.rates, w.told, wheel_of(u_before, index), u_before, frame)
     return 0, count
+
+
+@kernel(borrow=True)
+def advance_seen(t, y, inputs, index, u_before, first, count, k, audit, h, parts, every, numbers, rows, w, frame):
+    """As advance(), from step k of the grid on; numbers (m,), which frame are views of, become a row of rows (n, m)
+    behind each step that `every` divides. Returns (status, steps done or index of an input, rows taken)."""
+    done = taken = 0
+    while done < count:
+        piece = min(every - (k + done) % every, count - done)
+        status, steps = advance(t, y, inputs, index, u_before, first + done, piece, audit, h, parts, w, frame)
+        if status == 1:
+            return status, steps, taken
+        done += steps
+        if status != 0:
+            return status, done, taken
+        if (k + done) % every == 0:
+            for i in range(numbers.shape[0]):
+                rows[taken, i] = numbers[i]
+            taken += 1
+    return 0, done, taken

@@ -46,10 +46,10 @@ class Saved(bytes):
 
     @classmethod
     def of(cls, arrays: Mapping[str, np.ndarray]) -> Saved:
-        """The arrays as they are now."""
-        file, copies = io.BytesIO(), {name: np.array(array) for name, array in arrays.items()}
-        np.savez(file, **copies)  # type: ignore[arg-type]
-        return cls(file.getvalue(), copies)
+        """The state of these arrays, which it keeps."""
+        file = io.BytesIO()
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+        return cls(file.getvalue(), arrays)
 
     def __reduce__(self) -> tuple:
         return bytes, (bytes(self),)

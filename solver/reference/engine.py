@@ -13,6 +13,7 @@ from solver.engine.bodies import Bodies
 from solver.errors import SpecError, StepError
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces
 from solver.model.state import fill_kinematics, update_angles
+from solver.output.seen import Seen
 from solver.output.snapshot import NO_STEPS, Counters
 from solver.reference.dense import Equations, MotionState
 from solver.reference.methods import METHODS, Kkt, Stabilised
@@ -83,7 +84,9 @@ class Following:
         at = np.array([t])
         return self.scene.maneuver.inputs(self.scene.model.inputs, at, at)[0]
 
-    def advance(self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray) -> Moved:
+    def advance(
+        self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray, seen: Seen | None = None
+    ) -> Moved:
         """n steps of the output grid; the inputs are those of the maneuver."""
         assert self.solver is not None
         position = velocity = 0.0
@@ -105,6 +108,8 @@ class Following:
             self._take(t, self.equations.project(t, raw), last)
             if audit:
                 self.shown.look(t)
+            if seen is not None:
+                seen.look(k + done + 1, self.shown.numbers)
         now = (self.equations.evaluations, self.solver.factorizations)
         evaluations, factorizations = (a - b for a, b in zip(now, self._counted, strict=True))
         self._counted = now

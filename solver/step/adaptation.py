@@ -14,10 +14,12 @@ from solver.compiled import interruption
 from solver.compiled.by_reference import Ref
 from solver.model.state import State
 from solver.model.tables import Model
+from solver.output.seen import Seen
 from solver.output.snapshot import NO_STEPS
 from solver.step import control as entry
 from solver.step.control import CAUSES, KINDS, Control, Event, new_control
 from solver.step.interval import advance_adapting
+from solver.step.seen import advance_adapting_seen
 from solver.step.settings import IntegratorSettings
 from solver.step.work import OK, PAUSED, StepResult
 
@@ -110,24 +112,21 @@ class Adaptation:
         k: int,
         audit: bool,
         look: Callable[[int], None],
+        seen: Seen | None = None,
+        numbers: np.ndarray | None = None,
     ) -> tuple[StepResult, int]:
         """Advance over count intervals of the grid, from index k on, with rows first.. of inputs (n, nu); states[0] is
         the newest state afterwards.
 
-        A single row of inputs holds for all. look(n) is called behind the n-th interval if a step failed in it. Returns
+        A single row of inputs holds for all. look(n) is called behind the n-th interval if a step failed in it. seen:
+        takes rows of `numbers`, of which work.arrays are views. Returns
         (summed counters, intervals done); after a failure the state is that at the start of the interval. Fewer
         intervals than asked for are done without failure only when somebody asks for the run to stop
         (solver.compiled.interruption) and an interval takes long.
         """
-        tables, scheme, work, control, progress = (
-            self.model.tables,
-            self.scheme,
-            self.work,
-            self.control,
-            self._progress,
-        )
+        progress = self._progress
         self.abandoned = False
-        result, done, swapped = advance_adapting(tables, scheme, control, *states, inputs, first, count, k, audit, work)
+        result, done, swapped = self._call(states, inputs, first, count, k, audit, seen, numbers)
         if swapped:
             states.reverse()
         if result.status == OK and not self._counts[entry.PENDING]:
@@ -147,12 +146,34 @@ class Adaptation:
                 look(k + done)
                 if done == count:
                     return StepResult(OK, 0, total), done
-            result, n, swapped = advance_adapting(
-                tables, scheme, control, *states, inputs, first + done, count - done, k + done, audit, work
-            )
+            result, n, swapped = self._call(states, inputs, first + done, count - done, k + done, audit, seen, numbers)
             done += n
             if swapped:
                 states.reverse()
+
+    def _call(
+        self,
+        states: list[Ref],
+        inputs: np.ndarray,
+        first: int,
+        count: int,
+        k: int,
+        audit: bool,
+        seen: Seen | None,
+        numbers: np.ndarray | None,
+    ) -> tuple[StepResult, int, bool]:
+        """One call of compiled code; see advance_adapting()."""
+        tables, scheme, control, work = self.model.tables, self.scheme, self.control, self.work
+        if seen is None:
+            found: tuple[StepResult, int, bool] = advance_adapting(
+                tables, scheme, control, *states, inputs, first, count, k, audit, work
+            )
+            return found
+        result, done, swapped, taken = advance_adapting_seen(
+            tables, scheme, control, *states, inputs, first, count, k, audit, seen.every, numbers, seen.free, work
+        )
+        seen.took(k, taken)
+        return result, done, swapped
 
     def _drain(self) -> None:
         """Take the events out of the buffer."""

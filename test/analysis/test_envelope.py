@@ -248,7 +248,9 @@ def test_what_a_run_is_told_depends_neither_on_what_is_recorded_nor_on_the_machi
     simulation.level = LevelReport(validity=(FREQUENCY,))
     seen: list[int] = []
     monkeypatch.setattr(
-        Envelope, 'look', lambda self, snapshot, look=Envelope.look: (seen.append(snapshot.k), look(self, snapshot))
+        Envelope,
+        'look_at',
+        lambda self, t_ns, rows, look=Envelope.look_at: (seen.extend(t_ns // simulation.h_ns), look(self, t_ns, rows)),
     )
     data = simulate(simulation, scene.steps, directory=tmp_path / 'bag' if recorded else None)
     assert seen == [*range(5, 1501, 5)]
