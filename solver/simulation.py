@@ -10,7 +10,7 @@ from typing import Any, cast, final
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.engine import Engine
+from solver.engine import Engine, Moved
 from solver.engine.bodies import Bodies
 from solver.engine.stepping import Stepping
 from solver.errors import SpecError, StepError
@@ -181,7 +181,18 @@ class Simulation:
 
     def _advance(self, n: int, inputs: np.ndarray, audit: bool, seen: Seen | None) -> None:
         self._inputs = self._inputs.copy()  # those shown before stay as they were
-        moved = self.engine.advance(self.k, inputs, n, audit, self._inputs, seen)
+        self._follow(self.engine.advance(self.k, inputs, n, audit, self._inputs, seen))
+
+    def moved(self, moved: Moved, inputs: np.ndarray, last: np.ndarray) -> None:
+        """Follow what the engine was moved by others than advance(), with rows of inputs (n, nu), or (1, nu) held; last
+        (nu,): those of the last step. Raises StepError."""
+        self._inputs = last.copy()
+        done = moved.steps
+        held = len(inputs) == 1
+        self._applied = np.broadcast_to(inputs, (done, inputs.shape[1])) if held else inputs[:done]
+        self._follow(moved)
+
+    def _follow(self, moved: Moved) -> None:
         self.k += moved.steps
         self._counters = moved.counters
         self._totals = self._totals.followed_by(moved.counters)

@@ -25,6 +25,24 @@ from numba.extending import NativeValue, infer_getattr, intrinsic, models, regis
 WORD = 8
 
 
+class FieldType(types.Type):
+    """Type of what a Ref may hold beside arrays, numbers and NamedTuples: `words` of memory, which load() makes a value
+    of."""
+
+    words: int
+
+    def load(self, context: Any, builder: Any, load: Any) -> Any:
+        """The value, from load(k), the k-th of its words."""
+        raise NotImplementedError
+
+
+class Field:
+    """A value of such a type. words: what a Ref stores of it."""
+
+    kind: FieldType
+    words: list[int]
+
+
 class RefType(types.Type):
     """Compiled type of a Ref to a NamedTuple type, with the lengths of all dimensions of its arrays but the first.
 
@@ -84,6 +102,8 @@ def _fields(value: Any) -> types.Type:
     return (
         types.BaseTuple.from_types(tuple(map(_fields, value)), type(value))
         if isinstance(value, tuple)
+        else value.kind
+        if isinstance(value, Field)
         else typeof(value)
     )
 
@@ -91,6 +111,8 @@ def _fields(value: Any) -> types.Type:
 def _structure(value: Any) -> Any:
     if isinstance(value, tuple):
         return (type(value), *map(_structure, value))
+    if isinstance(value, Field):
+        return value.kind
     return (value.dtype, value.ndim, value.shape[1:]) if isinstance(value, np.ndarray) else type(value)
 
 
@@ -99,6 +121,8 @@ def _words(kind: types.Type) -> int:
         return sum(_words(t) for t in kind.types)
     if isinstance(kind, types.Array):
         return 3
+    if isinstance(kind, FieldType):
+        return kind.words
     if kind in (types.int64, types.float64):
         return 1
     raise TypeError(f'a Ref holds arrays, int, float and NamedTuples of them, not {kind}')
@@ -111,6 +135,8 @@ def _flatten(value: Any) -> list[int]:
         if not value.flags.carray:
             raise ValueError('a Ref needs writable C-contiguous arrays, aligned to their numbers')
         return [value.size, value.ctypes.data, len(value)]
+    if isinstance(value, Field):
+        return value.words
     if isinstance(value, float):
         return [int(np.float64(value).view(np.int64))]
     return [int(value)]
@@ -195,6 +221,8 @@ def _lower_ref_attribute(context, builder, typ, value, attr):
         loaded.set_metadata('invariant.load', builder.module.add_metadata([]))  # descriptors never change
         return loaded
 
+    if isinstance(kind, FieldType):
+        return kind.load(context, builder, load)
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder)
         array.meminfo = cgutils.get_null_value(array.meminfo.type)

@@ -167,7 +167,8 @@ class SingleTrack:
     """See solver.engine.Engine: what solver.levels.single_track shows of a vehicle, with the parameters that level
     found.
 
-    Only h of the integrator means something here: the step is that of solver.levels.track_step, in parts of LONGEST at
+    noted: friction changes along its road, so advance() notes where it went (solver.levels.track_friction). Only h of the
+    integrator means something here: the step is that of solver.levels.track_step, in parts of LONGEST at
     most. Nothing iterates, and there are no constraints. Raises SpecError or ConsistencyError.
     """
 
@@ -182,12 +183,12 @@ class SingleTrack:
         self.scene, self.model = scene, prepare(scene.model)
         self.h = scene.integrator.h_ns * 1e-9
         names = scene.model.inputs
-        self._index = np.array([names.index(name) for name in COMMANDS])
+        self.index = np.array([names.index(name) for name in COMMANDS])
         self.channels = channels_of(names, scene.model.chassis or 'chassis')
         self.layout = layout_of(self.channels)
         self.numbers = new_numbers(self.layout)
-        self._frame = Ref(output_arrays(self.numbers, self.layout))
-        self._scratch = new_scratch()
+        self.frame = Ref(output_arrays(self.numbers, self.layout))
+        self.scratch = new_scratch()
         x, y, yaw = self._place()
         self.tables = Ref(tables_of(parameters, scene, yaw, x, y))
         self.parts = max(1, math.ceil(self.h / LONGEST - 1e-9))
@@ -204,7 +205,7 @@ class SingleTrack:
             if scene.start.kind == 'equilibrium'
             else abs(self._chassis_spec.position[2] - self.tables.mounting.height)
         )
-        self._slippery, self._varies = np.zeros(2), varies(road)
+        self._slippery, self.noted = np.zeros(2), varies(road)
 
     @property
     def shown(self) -> SingleTrack:
@@ -214,7 +215,7 @@ class SingleTrack:
     @property
     def account(self) -> Account:
         """The running account."""
-        return cast(Account, self._scratch.account)
+        return cast(Account, self.scratch.account)
 
     @property
     def _chassis_spec(self) -> RigidBodySpec:
@@ -255,12 +256,12 @@ class SingleTrack:
         As with bodies, a drive that leaves nothing steady acts from the first step on. Raises ConsistencyError.
         """
         start, u = self.scene.start, given.copy()
-        if start.kind != 'equilibrium' or not start.speed or not u[self._index[0]]:
+        if start.kind != 'equilibrium' or not start.speed or not u[self.index[0]]:
             return straight
-        found = settled(self.tables, straight, start.speed, u, self._index)
+        found = settled(self.tables, straight, start.speed, u, self.index)
         if found is None:
-            u[self._index[3]] = 0.0
-            found = settled(self.tables, straight, start.speed, u, self._index)
+            u[self.index[3]] = 0.0
+            found = settled(self.tables, straight, start.speed, u, self.index)
             assert found is not None  # without a drive
         return found
 
@@ -272,7 +273,7 @@ class SingleTrack:
 
     def begin(self, k: int, u: np.ndarray) -> None:
         """Show the present state, begin the account and what is reached."""
-        start(self.tables, self.y, u, self._index, self._scratch, self._frame)
+        start(self.tables, self.y, u, self.index, self.scratch, self.frame)
 
     def show(self, k: int, u: np.ndarray) -> None:
         """Nothing to do: the state is shown after every step."""
@@ -282,17 +283,17 @@ class SingleTrack:
     ) -> Moved:
         """See Engine.advance(). On a road of varying friction the motion is looked at every LOOK."""
         # what is not finite is refused before anything is advanced
-        looks = audit and self._varies and bool(np.isfinite(inputs).all())
+        looks = audit and self.noted and bool(np.isfinite(inputs).all())
         piece = max(1, LOOK // self.scene.integrator.h_ns) if looks else n
         status = done = 0
         for first in range(0, n, piece):
-            steps_of = self.tables, self.y, inputs, self._index, last, first, min(piece, n - first)
+            steps_of = self.tables, self.y, inputs, self.index, last, first, min(piece, n - first)
             if seen is None:
-                status, steps = advance(*steps_of, audit, self.h, self.parts, self._scratch, self._frame)
+                status, steps = advance(*steps_of, audit, self.h, self.parts, self.scratch, self.frame)
             else:
                 status, steps, taken = advance_seen(
-                    *steps_of, k + first, audit, self.h, self.parts, seen.every, self.numbers, seen.free, self._scratch,
-                    self._frame,
+                    *steps_of, k + first, audit, self.h, self.parts, seen.every, self.numbers, seen.free, self.scratch,
+                    self.frame,
                 )  # fmt: skip
                 seen.took(k + first, taken)
             if status == 1:
@@ -304,19 +305,22 @@ class SingleTrack:
             if status:
                 break
             if looks:
-                note(self.tables.value, self._scratch.value, self.y, (k + done) * self.h, self._slippery)
-        counters = Counters(done * self.parts, 0, done * (2 * self.parts + 1), 0, 0.0, 0.0, 0.0)
+                note(self.tables.value, self.scratch.value, self.y, (k + done) * self.h, self._slippery)
         late = (
             f'{instant(self.scene, k + done)}: the motion is no longer finite; reduce integrator.h or check the torques'
         )
-        return Moved(done, counters, late if status == 2 else '')
+        return Moved(done, self.counters_of(done), late if status == 2 else '')
+
+    def counters_of(self, steps: int) -> Counters:
+        """Counters of so many steps."""
+        return Counters(steps * self.parts, 0, steps * (2 * self.parts + 1), 0, 0.0, 0.0, 0.0)
 
     def current(self) -> None:
         """Nothing to do: the state is shown after every step."""
 
     def sight(self) -> Sight:
         """Motion of the vehicle that a driver sees now."""
-        pose = self._frame.pose[0]
+        pose = self.frame.pose[0]
         side = self.tables.mounting.axis * self.y[ROLL]
         return Sight(float(pose[0]), float(pose[1]), float(self.y[YAW]), float(self.y[VX] - self.y[YAW_RATE] * side))
 
@@ -333,14 +337,14 @@ class SingleTrack:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """State, and what has been reached."""
-        w = self._scratch
+        w = self.scratch
         return {'single_track': self.y, 'reached': w.reached, 'steered': w.steered, 'slippery': self._slippery}
 
     def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray, Kept], None]:
         """See Engine.fit()."""
         if 'single_track' not in saved or saved['single_track'].shape != self.y.shape:
             raise SpecError('restore: the saved state is of another model than this one of level single_track')
-        w = self._scratch
+        w = self.scratch
         for name, array in (('audit', w.account.numbers), ('reached', w.reached), ('steered', w.steered)):
             fitting(name, saved.get(name), array)
         slippery = fitting('slippery', saved.get('slippery'), self._slippery)
@@ -364,7 +368,7 @@ class SingleTrack:
 
         frequency: root of the ratio of the mean squares of rate and angle of the steering wheel.
         """
-        w = self._scratch
+        w = self.scratch
         found: dict[str, tuple[float, float | None]] = {
             name: (float(value), float(time)) for name, (value, time) in zip(REACHED, w.reached, strict=True)
         }
@@ -379,7 +383,7 @@ class SingleTrack:
 
     def nbytes(self) -> int:
         """Memory of parameters, scratch and state."""
-        return nbytes((self.tables.value.road, self._scratch.value, self.y))
+        return nbytes((self.tables.value.road, self.scratch.value, self.y))
 
     def totals(self, k: int) -> dict[str, Any]:
         """Nothing adapts."""

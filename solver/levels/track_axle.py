@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import kernel
+from solver.compiled.select import some, where
 from solver.elements.road import friction_at
 from solver.levels.track_tables import (
     ALPHA,
@@ -53,7 +54,7 @@ def _friction(road, axle, x, y, c, s):
 @kernel(inline=True)
 def _sign(x):
     """Sign of x, smooth between -1 and 1."""
-    return 1.0 if x >= 1.0 else (-1.0 if x <= -1.0 else x * (1.5 - 0.5 * x * x))
+    return where(x >= 1.0, 1.0, where(x <= -1.0, -1.0, x * (1.5 - 0.5 * x * x)))
 
 
 class _Contact(NamedTuple):
@@ -128,8 +129,8 @@ def _contact(b, axle, road, i, y, steering, c, s):
     Dy = axle.peak_y * share
     sy = Ky * (y[LATERAL + i] / axle.length_y) / Dy
     trail = axle.trail - axle.trail_lost * (sy * sy / (1.0 + sy * sy))
-    if Vx < 0.0:  # backwards the trail of the tire, what large slip takes, is in front of the axis of steering
-        trail -= 2.0 * _sign(-Vx / SLOWEST) * axle.trail_lost / (1.0 + sy * sy)
+    if some(Vx < 0.0):  # backwards the trail of the tire, what large slip takes, is in front of the axis of steering
+        trail = where(Vx < 0.0, trail - 2.0 * _sign(-Vx / SLOWEST) * axle.trail_lost / (1.0 + sy * sy), trail)
     Vsx = Vx - axle.rolling_radius * spin
     Vsy = across * ct - y[VX] * st - trail * turning
     return _Contact(ct, st, Vx, Vsx, Vsy, spin, mu, gap, Fz, Ky, axle.peak_x * share, Dy, trail, gear)
@@ -160,12 +161,13 @@ def _characteristic(axle, at, sx, sy):
     the largest."""
     size = np.sqrt(sx * sx + sy * sy)
     share = 1.0
-    if size > 1e-6:
+    slides = size > 1e-6
+    if some(slides):
         part = sx * sx / (size * size)
         C = axle.shape_y + part * (axle.shape_x - axle.shape_y)
         E = axle.curvature_y + part * (axle.curvature_x - axle.curvature_y)
         x = size / C
-        share = np.sin(C * np.arctan(x - E * (x - np.arctan(x)))) / size
+        share = where(slides, np.sin(C * np.arctan(x - E * (x - np.arctan(x)))) / size, 1.0)
     return at.Dx * share * sx, at.Dy * share * sy, share
 
 
@@ -177,16 +179,14 @@ def _stop(axle, wind, spin, brake):
     winding = spin - sliding * wind
     viscous = axle.brake_damping * capacity / (capacity + abs(spin) * axle.brake_damping + 1e-9)
     stopping = axle.brake_stiffness * wind + viscous * winding
-    held = 1.0
-    if abs(stopping) > capacity:
-        stopping = capacity if stopping > 0.0 else -capacity
-        held = 0.0
-    release = 0.0
+    slides = abs(stopping) > capacity
+    stopping = where(slides, where(stopping > 0.0, capacity, -capacity), stopping)
+    held = where(slides, 0.0, 1.0)
     excess = abs(wind) - capacity / axle.brake_stiffness
-    if excess > 0.0:  # the capacity fell
-        release = axle.brake_stiffness / axle.brake_damping
-        winding -= release * (excess if wind > 0.0 else -excess)
-    clockwise = 1.0 if spin > 0.0 else -1.0
+    falls = excess > 0.0  # the capacity fell
+    release = where(falls, axle.brake_stiffness / axle.brake_damping, 0.0)
+    winding = where(falls, winding - release * where(wind > 0.0, excess, -excess), winding)
+    clockwise = where(spin > 0.0, 1.0, -1.0)
     free = 1.0 - clockwise * axle.brake_stiffness * wind / max(capacity, LEAST_TORQUE)
     return _Stop(stopping, winding, sliding, release, viscous, held, free)
 
@@ -197,13 +197,10 @@ def _roll(axle, tread, spin, Fz):
     W = spin * axle.radius
     part = (tread + axle.give_damping * W) / axle.give
     resisting = axle.resistance * Fz * axle.radius
-    gives = 0.0
-    rate = W
-    if abs(part) < 1.0:
-        gives = resisting * axle.radius * axle.give_damping / axle.give
-    else:
-        part = 1.0 if part > 0.0 else -1.0
-        rate = (part * axle.give - tread) / axle.give_damping
+    stands = abs(part) < 1.0
+    gives = where(stands, resisting * axle.radius * axle.give_damping / axle.give, 0.0)
+    part = where(stands, part, where(part > 0.0, 1.0, -1.0))
+    rate = where(stands, W, (part * axle.give - tread) / axle.give_damping)
     return _Roll(resisting * part, gives, rate)
 
 
@@ -243,7 +240,7 @@ def axle_forces(b, axle, road, i, y, steering, drive, brake, c, s, rates, stiff,
     told[column + FY] = Fy
     told[column + FZ] = at.Fz
     told[column + KAPPA] = slip.kappa
-    told[column + ALPHA] = np.arctan(slip.tan)
+    told[column + ALPHA] = slip.tan  # its tangent; whoever shows it makes an angle of it
     told[column + BRAKE] = stop.torque
     if i == 0:
         told[SATURATION] = sy * sy / (1.0 + sy * sy)

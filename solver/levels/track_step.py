@@ -45,9 +45,12 @@ from __future__ import annotations
 import numpy as np
 
 from solver.compiled.kernel import kernel
+from solver.compiled.select import some, where
 from solver.levels.track_axle import axle_forces
 from solver.levels.track_shown import keep_account, keep_reached, show
 from solver.levels.track_tables import (
+    ALPHA,
+    AXLE_COLUMNS,
     DRAG,
     DRIVE,
     ENERGY,
@@ -80,15 +83,12 @@ LIMITER_FROM = 0.95  # as of a coordinate force
 @kernel(inline=True)
 def _limited(drive, spin, top):
     """Drive torque that the limiter leaves at a spin."""
-    if top == 0.0 or drive == 0.0:
+    limits = (top != 0.0) & (drive != 0.0)
+    if not some(limits):
         return drive
-    forward = 1.0 if drive > 0.0 else -1.0
+    forward = where(drive > 0.0, 1.0, -1.0)
     x = (forward * spin - LIMITER_FROM * top) / ((1.0 - LIMITER_FROM) * top)
-    if x <= 0.0:
-        return drive
-    if x >= 1.0:
-        return 0.0
-    return drive * (1.0 - x * x * (3.0 - 2.0 * x))
+    return where(limits & (x > 0.0), where(x >= 1.0, 0.0, drive * (1.0 - x * x * (3.0 - 2.0 * x))), drive)
 
 
 @kernel(inner=True)
@@ -241,6 +241,14 @@ def step(t, y, before, after, drive, brake, h, parts, w):
     return False
 
 
+@kernel(inner=True)
+def evaluate_shown(t, y, steering, drive, brake, w):
+    """evaluate() for outputs: slip angles are angles, not their tangents."""
+    evaluate(t, y, steering, drive, brake, w.rates, w.stiff, w.told)
+    for i in range(2):
+        w.told[i * len(AXLE_COLUMNS) + ALPHA] = np.arctan(w.told[i * len(AXLE_COLUMNS) + ALPHA])
+
+
 @kernel(inline=True)
 def wheel_of(u, index):
     """The steering wheel in the inputs u."""
@@ -253,11 +261,38 @@ def start(t, y, u, index, w, frame):
     steering = wheel_of(u, index)
     y[LOSS] = 0.0
     y[GROSS] = 0.0
-    evaluate(t, y, steering, u[index[3]], u[index[4]], w.rates, w.stiff, w.told)
+    evaluate_shown(t, y, steering, u[index[3]], u[index[4]], w)
     keep_account(w.told, y, 0.0, w.account)
     w.reached[:] = 0.0
     w.steered[:] = 0.0
     show(t, y, w.rates, w.told, steering, u, frame)
+
+
+@kernel(inner=True)
+def advance_once(t, y, u_before, u, index, audit, shown, h, parts, w):
+    """Advance the state y by a step h with the inputs u (nu,), which become those before; whether its result is finite.
+
+    shown: evaluate the rates at its end, for outputs.
+    """
+    after = wheel_of(u, index)
+    if not step(t, y, wheel_of(u_before, index), after, u[index[3]], u[index[4]], h, parts, w):
+        return False
+    if shown:
+        evaluate_shown(t, y, after, u[index[3]], u[index[4]], w)
+    if audit:
+        keep_account(w.told, y, h, w.account)
+        keep_reached(y, w.rates, w.told, w.account.time[0], w.reached)
+        w.steered[0] += h * after.angle * after.angle
+        w.steered[1] += h * after.rate * after.rate
+    for i in range(u.shape[0]):
+        u_before[i] = u[i]
+    return True
+
+
+@kernel(borrow=True)
+def show_end(t, y, u, index, w, frame):
+    """Fill the outputs of a state that advance_once() has led to with the inputs u."""
+    show(t, y, w.rates, w.told, wheel_of(u, index), u, frame)
 
 
 @kernel(borrow=True)
@@ -275,18 +310,8 @@ def advance(t, y, inputs, index, u_before, first, count, audit, h, parts, w, fra
                 return 1, i
     for k in range(count):
         u = inputs[0 if held else first + k]
-        after = wheel_of(u, index)
-        if not step(t, y, wheel_of(u_before, index), after, u[index[3]], u[index[4]], h, parts, w):
+        if not advance_once(t, y, u_before, u, index, audit, audit or k == count - 1, h, parts, w):
             return 2, k
-        if audit or k == count - 1:
-            evaluate(t, y, after, u[index[3]], u[index[4]], w.rates, w.stiff, w.told)
-        if audit:
-            keep_account(w.told, y, h, w.account)
-            keep_reached(y, w.rates, w.told, w.account.time[0], w.reached)
-            w.steered[0] += h * after.angle * after.angle
-            w.steered[1] += h * after.rate * after.rate
-        for i in range(u.shape[0]):
-            u_before[i] = u[i]
     if count > 0:
         show(t, y, w.rates, w.told, wheel_of(u_before, index), u_before, frame)
     return 0, count

@@ -1,0 +1,122 @@
+"""Groups of up to LANES engines that step together: the contract of a group, and the loop that all groups have in common.
+
+A group is a faster way to advance engines, and owns nothing: behind every advance() the state, the account and the
+outputs of each are in its own arrays, as if it had stepped alone. Steps are taken in blocks. A lane that left (it asked
+for another branch than most, or its numbers are no longer finite) is put back to the beginning of that step, and its
+engine takes the rest of the block alone; it may divide that step, or fail, without the others. At the next block it
+returns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from solver.compiled.lanes import LANES
+from solver.compiled.lanes.agreement import Flags
+from solver.compiled.lanes.arrays import LaneArray
+from solver.compiled.lanes.transfer import Transfer, keep, put_in, take_out
+from solver.compiled.kernel import kernel
+from solver.engine import Moved
+from solver.output.snapshot import NO_STEPS, Counters
+
+# Steps of a block, at most and at least. It is halved where a lane left, since that is alone until the next one, and
+# doubled where none did. Ten times as many take ten times the memory for inputs; with a tenth, copies between lanes and
+# engines take as long as steps.
+BLOCK, SHORTEST = 256, 32
+
+
+class Group(Protocol):
+    """Engines in lanes. Made of the engines, which are those of one class; raises SpecError where they do not fit
+    together.
+    """
+
+    engines: Sequence[Any]
+    lasts: Sequence[np.ndarray]  # (nu,) of each: the inputs of its last step
+    flags: Flags
+    block: int  # steps of the next block
+    inputs: LaneArray  # (BLOCK, nu) of the next steps
+    state: Transfer  # everything that a step changes and the future depends on
+    shown: Transfer  # everything else that a lane leaves behind
+
+    def run(self, count: int, audit: bool, left: np.ndarray) -> None:
+        """Advance all lanes `count` steps with the rows of `inputs`, or until none is left; left (LANES,)
+        becomes the step at which a lane left, and stays -1 of those that did not."""
+
+    def finish(self, lane: int) -> None:
+        """Behind steps in lanes: show what was copied to this lane's engine."""
+
+    def counters(self, lane: int, steps: int) -> Counters:
+        """Counters of the steps, so many, that this lane stayed in run()."""
+
+
+@kernel(borrow=True)
+def leave(table, flags, step, left):
+    """Note that lanes left in this step, and copy their state at its beginning to their simulations; whether any lane
+    is still there."""
+    for lane in range(left.shape[0]):
+        if (flags[1] >> lane) & 1 and left[lane] < 0:
+            left[lane] = step
+            take_out(table, lane, True)
+    flags[1] = 0
+    return flags[0] != 0
+
+
+def advance_group(
+    group: Group, lanes: Sequence[int], ks: Sequence[int], inputs: Sequence[np.ndarray], n: int, audit: bool
+) -> list[Moved | None]:
+    """n steps of the engines in these lanes of a group, from step ks[lane] on, with a row of inputs[lane] each; a single
+    row holds for all. As Engine.advance() of each, whose results it returns; None of the other lanes."""
+    engines, size = group.engines, len(group.engines)
+    moved: list[Moved | None] = [None] * size  # of those that ended
+    for lane in lanes:
+        if not np.isfinite(inputs[lane]).all():  # refused before anything is advanced
+            moved[lane] = engines[lane].advance(ks[lane], inputs[lane], n, audit, group.lasts[lane])
+    done, total = [0] * size, [NO_STEPS] * size
+    left = np.empty(LANES, np.int64)
+    rows = group.inputs.numbers
+    there: set[int] = set()  # lanes that hold the state of their engine
+    first, count = 0, 0
+    while (first := first + count) < n:
+        count = min(group.block, n - first)
+        going = [lane for lane in lanes if moved[lane] is None]
+        if not going:
+            break
+        for lane in range(LANES):
+            source = lane if lane in going else going[0]
+            if lane not in there:
+                put_in(group.state.table, lane, source)
+            rows[:count, :, lane] = _rows(inputs[source], first, count)
+        group.flags.words[:] = sum(1 << lane for lane in going), 0
+        group.flags.bind()
+        left[:] = -1
+        group.run(count, audit, left)
+        there.clear()
+        group.block = min(BLOCK, 2 * group.block) if (left < 0).all() else max(SHORTEST, group.block // 2)
+        for lane in going:
+            stayed = count if left[lane] < 0 else int(left[lane])
+            if stayed:
+                done[lane] += stayed
+                total[lane] = total[lane].followed_by(group.counters(lane, stayed))
+            if stayed == count:
+                take_out(group.state.table, lane, False)
+                take_out(group.shown.table, lane, False)
+                group.finish(lane)
+                there.add(lane)
+                continue
+            rest = np.ascontiguousarray(_rows(inputs[lane], first + stayed, count - stayed))
+            part = engines[lane].advance(ks[lane] + done[lane], rest, count - stayed, audit, group.lasts[lane])
+            done[lane] += part.steps
+            total[lane] = total[lane].followed_by(part.counters)
+            if part.failure or part.steps < count - stayed:  # failed, or somebody asks for an end
+                moved[lane] = Moved(done[lane], total[lane], part.failure)
+    for lane in lanes:
+        moved[lane] = moved[lane] or Moved(done[lane], total[lane])
+    return moved
+
+
+def _rows(inputs: np.ndarray, first: int, count: int) -> np.ndarray:
+    """The rows of so many steps; a single one that holds for all."""
+    return inputs if len(inputs) == 1 else inputs[first : first + count]

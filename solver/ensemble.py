@@ -1,0 +1,216 @@
+"""Several simulations of one topology, eight of them in the SIMD lanes of a core, each with the bits of its single run.
+
+    ensemble = Ensemble([scene] * 8)
+    frames = ensemble.advance(100, inputs)      # (8, 100, nu), or what holds for all
+    ensemble.quantity('yaw_rate')               # (8,)
+    ensemble.reset([3])
+
+An Ensemble owns nothing: its simulations are ordinary ones, and between two calls each is as if it had stepped alone. So
+totals, verdicts, saved states, levels and accounts are asked of `ensemble.simulations[k]`. What in lanes must be the same
+is the topology: bodies, joints, elements, their kinds and connections, levels, inputs, the step, the integrator. All
+numbers may differ: parameters, starts, inputs, roads of the same layout.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from solver.errors import SpecError, StepError
+from solver.levels import simulation_of
+from solver.engine.stepping import Stepping
+from solver.levels.single_track_engine import SingleTrack
+from solver.output.snapshot import Channels, Snapshot
+from solver.quantities import quantity
+from solver.scene import Scene
+from solver.simulation import Simulation
+
+# Simulations that step in lanes at least: all lanes take the time of about three single ones, whatever they hold.
+FEWEST = 4
+# engine -> module and class of its group (solver.engine.lanes.Group), which nothing imports before it is asked for
+GROUPS: dict[type, tuple[str, str]] = {SingleTrack: ('solver.levels.track_lanes', 'TrackGroup')}
+Rows = list[np.ndarray | None]
+
+
+class Ensemble:
+    """simulations: one of each scene, in their order; simulations may be given instead, each once. failures: why each
+    can go no further, '' of those that can.
+
+    in_lanes: True where they step in lanes; where False, `why` says in one sentence what keeps them from it, and they
+    step one after the other, with the same results. Raises SpecError where scenes do not fit together, and what
+    simulation_of() raises.
+    """
+
+    def __init__(self, scenes: Sequence[Scene | Simulation]) -> None:
+        if not scenes:
+            raise SpecError('Ensemble: there is no scene; give one at least')
+        self.simulations = _made(scenes)
+        if len({id(simulation) for simulation in self.simulations}) != len(scenes):
+            raise SpecError('Ensemble: the same simulation is there twice; make one for each')
+        _require_alike(self.simulations)
+        self.failures = [''] * len(self.simulations)
+        self._groups: list[tuple[Any, list[Simulation]]] = []
+        self.why = self._obstacle()
+        if not self.why:
+            self._make_groups()
+        self.in_lanes = bool(self._groups)
+
+    def _make_groups(self) -> None:
+        from solver.compiled.lanes import LANES
+
+        for first in range(0, len(self.simulations), LANES):
+            members = self.simulations[first : first + LANES]
+            if len(members) >= FEWEST:
+                home, name = GROUPS[type(members[0].engine)]
+                make = getattr(importlib.import_module(home), name)
+                self._groups.append((make([s.engine for s in members], [s.inputs.copy() for s in members]), members))
+        if not self._groups:
+            self.why = f'{len(self.simulations)} simulations take less time one after the other than in {LANES} lanes'
+
+    def __len__(self) -> int:
+        return len(self.simulations)
+
+    @property
+    def channels(self) -> Channels:
+        """The names in what is shown, which all have in common."""
+        return self.simulations[0].channels
+
+    def _obstacle(self) -> str:
+        """Reason why these simulations cannot step in lanes; '' where they can."""
+        kind = type(self.simulations[0].engine)
+        if kind not in GROUPS:
+            return 'simulations of bodies step one after the other; only those of the level single_track do in lanes'
+        if any(simulation.engine.noted for simulation in self.simulations):  # type: ignore[attr-defined]
+            return 'friction changes along the road, which the level single_track looks at by itself'
+        return ''
+
+    def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> list[Snapshot]:
+        """Advance all that did not fail n steps; the Snapshot of each, of those that failed the last good one.
+
+        inputs: (nu,) held by all, (n, nu) a row a step for all, (N, n, nu) rows of each, or (N, 1, nu) held by each; in
+        SI units and the order of channels.inputs. None samples the maneuver of each. Simulations with a driver or an
+        assistance that look at every step go one after the other. audit: see Simulation.advance(). What fails is noted
+        in `failures`, and goes on after reset() or restore() of its simulation and a failure set to ''. Raises SpecError
+        for inputs of another shape.
+        """
+        rows = self._rows(n, inputs)
+        waiting = {k for k, failure in enumerate(self.failures) if not failure}
+        size = max((len(members) for _, members in self._groups), default=0)
+        for at, (group, members) in enumerate(self._groups):
+            lanes = [k for k in range(len(members)) if at * size + k in waiting and rows[at * size + k] is not None]
+            if len(lanes) >= FEWEST:
+                self._advance_group(at * size, group, members, lanes, rows, n, audit)
+                waiting.difference_update(at * size + k for k in lanes)
+        for k in sorted(waiting):
+            self._note(k, lambda k=k: self.simulations[k].advance(n, rows[k], audit=audit))
+        return [simulation.snapshot() for simulation in self.simulations]
+
+    def _advance_group(
+        self, first: int, group: Any, members: list[Simulation], lanes: list[int], rows: Rows, n: int, audit: bool
+    ) -> None:
+        """Advance these lanes of a group, whose first simulation is the one with the index `first`."""
+        from solver.engine.lanes import advance_group
+
+        given = [rows[first + k] if k in lanes else np.empty((0, 0)) for k in range(len(members))]
+        for k in lanes:
+            group.lasts[k][:] = members[k].inputs
+        for k, moved in enumerate(advance_group(group, lanes, [s.k for s in members], given, n, audit)):  # type: ignore[arg-type]
+            if moved is not None:
+                self._note(first + k, lambda k=k, moved=moved: members[k].moved(moved, given[k], group.lasts[k]))
+
+    def _note(self, k: int, step: Callable[[], object]) -> None:
+        """Advance simulation k by a function, and note a failure."""
+        try:
+            step()
+        except StepError as error:
+            self.failures[k] = str(error)
+
+    def _rows(self, n: int, inputs: np.ndarray | None) -> Rows:
+        """Rows of inputs, (n, nu) or (1, nu), of each simulation; None of one whose inputs depend on the steps before.
+        Raises SpecError."""
+        if inputs is None:
+            return [None if s.sources.step_by_step else _writeable(s.source.table(s.k, n)) for s in self.simulations]
+        given, count, width = np.asarray(inputs, float), len(self), len(self.channels.inputs)
+        if given.ndim == 1:
+            given = given[None, :]
+        shape = given.shape[-2:]
+        if given.ndim > 3 or shape not in ((n, width), (1, width)) or (given.ndim == 3 and len(given) != count):
+            raise SpecError(
+                f'Ensemble: inputs of shape {np.shape(inputs)}; give ({width},), ({n}, {width}), ({count}, {n}, {width}) '
+                f'or ({count}, 1, {width}): {count} simulations, {n} steps, {width} inputs'
+            )
+        return [_writeable(given[k] if given.ndim == 3 else given) for k in range(count)]
+
+    def reset(self, which: Iterable[int] | None = None) -> None:
+        """Back to the start: all, or those with these indices. They may have failed."""
+        for k in range(len(self)) if which is None else which:
+            self.simulations[k].reset()
+            self.failures[k] = ''
+
+    def field(self, name: str) -> np.ndarray:
+        """(N, ...) a field of all Snapshots, by its name there: pose, twist, joint_position, tire, imu, elements ..."""
+        return np.stack([getattr(simulation.snapshot(), name) for simulation in self.simulations])
+
+    def quantity(self, name: str) -> np.ndarray:
+        """(N,) or (N, components) a quantity of interest by its name (docs/accuracy.md): yaw_rate, lateral_acceleration
+        ..., or a column of a recording. In SI units. Raises SpecError for an unknown one."""
+        wanted = quantity(name, self.channels)
+        rows = np.stack([simulation.snapshot().numbers[wanted.places] for simulation in self.simulations])
+        values = np.stack([wanted.of(row[None, :])[0] for row in rows])  # each by itself: angles are not unwrapped
+        return values[:, 0] if values.shape[1] == 1 else values
+
+
+def _made(scenes: Sequence[Scene | Simulation]) -> list[Simulation]:
+    """A simulation of each; of a scene that is there several times the start is found once."""
+    made: list[Simulation] = []
+    known: dict[int, Simulation] = {}
+    for scene in scenes:
+        if isinstance(scene, Simulation):
+            made.append(scene)
+        elif id(scene) in known:
+            made.append(known[id(scene)].twin(scene.duration))
+        else:
+            made.append(known.setdefault(id(scene), simulation_of(scene)))
+    return made
+
+
+def _require_alike(simulations: list[Simulation]) -> None:
+    """Refuse simulations that are no ensemble. Raises SpecError."""
+    first = simulations[0]
+    for k, other in enumerate(simulations):
+        if not isinstance(other.engine, SingleTrack | Stepping):
+            raise SpecError(
+                f'Ensemble: simulation {k}: integrator.kind = {other.scene.integrator.kind!r} is a reference integrator, '
+                'which steps by itself; use alf'
+            )
+        if type(other.engine) is not type(first.engine):
+            raise SpecError(f'Ensemble: simulations 0 and {k} are of different levels; make one Ensemble of each level')
+        if other.h_ns != first.h_ns:
+            raise SpecError(
+                f'Ensemble: integrator.h = {other.h:g} in simulation {k}, {first.h:g} in simulation 0; give all the same'
+            )
+        if other.channels != first.channels:
+            raise SpecError(
+                f'Ensemble: simulations 0 and {k} are of different topologies: {_unlike(first.channels, other.channels)}; '
+                'make one Ensemble of each topology'
+            )
+
+
+def _unlike(a: Channels, b: Channels) -> str:
+    """The first difference of what two simulations show."""
+    for field in dataclasses.fields(a):
+        one, two = getattr(a, field.name), getattr(b, field.name)
+        if one != two:
+            only = set(one).symmetric_difference(two) if isinstance(one, tuple) else set()
+            return f'{field.name} ({min(only)})' if only else field.name
+    return ''
+
+
+def _writeable(rows: np.ndarray) -> np.ndarray:
+    """Contiguous rows that kernels take."""
+    rows = np.ascontiguousarray(rows, float)
+    return rows if rows.flags.writeable else rows.copy()
