@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from solver.ensemble import Ensemble
     from solver.errors import BagError, ConsistencyError, MbdError, SceneError, SpecError, StepError
     from solver.levels import simulation_of
     from solver.output.snapshot import Channels, Snapshot
@@ -33,6 +34,7 @@ __all__ = [
     'BagError',
     'Channels',
     'ConsistencyError',
+    'Ensemble',
     'MbdError',
     'Scene',
     'SceneError',
@@ -50,6 +52,7 @@ _HOMES = {  # public name -> module it is imported from when it is asked for
         ('BagError', 'ConsistencyError', 'MbdError', 'SceneError', 'SpecError', 'StepError'), 'solver.errors'
     ),
     **dict.fromkeys(('Channels', 'Snapshot'), 'solver.output.snapshot'),
+    'Ensemble': 'solver.ensemble',
     'Scene': 'solver.scene',
     'Simulation': 'solver.simulation',
     'advance_all': 'solver.parallel',

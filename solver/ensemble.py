@@ -5,24 +5,24 @@
     ensemble.quantity('yaw_rate')               # (8,)
     ensemble.reset([3])
 
-An Ensemble owns nothing: its simulations are ordinary ones, and between two calls each is as if it had stepped alone. So
-totals, verdicts, saved states, levels and accounts are asked of `ensemble.simulations[k]`. What in lanes must be the same
-is the topology: bodies, joints, elements, their kinds and connections, levels, inputs, the step, the integrator. All
-numbers may differ: parameters, starts, inputs, roads of the same layout.
-"""
+An Ensemble owns nothing: its simulations are ordinary ones, and between two calls each is as if it had stepped alone.
+So totals, verdicts, saved states, levels and accounts are asked of `ensemble.simulations[k]`. What in lanes must be the
+same is the topology: bodies, joints, elements, their kinds and connections, levels, inputs, the step, the integrator.
+All numbers may differ: parameters, starts, inputs, roads of the same layout."""
 
 from __future__ import annotations
 
 import dataclasses
 import importlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
+from solver.engine.stepping import Stepping
 from solver.errors import SpecError, StepError
 from solver.levels import simulation_of
-from solver.engine.stepping import Stepping
 from solver.levels.single_track_engine import SingleTrack
 from solver.output.snapshot import Channels, Snapshot
 from solver.quantities import quantity
@@ -94,9 +94,8 @@ class Ensemble:
         inputs: (nu,) held by all, (n, nu) a row a step for all, (N, n, nu) rows of each, or (N, 1, nu) held by each; in
         SI units and the order of channels.inputs. None samples the maneuver of each. Simulations with a driver or an
         assistance that look at every step go one after the other. audit: see Simulation.advance(). What fails is noted
-        in `failures`, and goes on after reset() or restore() of its simulation and a failure set to ''. Raises SpecError
-        for inputs of another shape.
-        """
+        in `failures`, and goes on after reset() or restore() of its simulation and a failure set to ''. Raises
+        SpecError for inputs of another shape."""
         rows = self._rows(n, inputs)
         waiting = {k for k, failure in enumerate(self.failures) if not failure}
         size = max((len(members) for _, members in self._groups), default=0)
@@ -106,7 +105,8 @@ class Ensemble:
                 self._advance_group(at * size, group, members, lanes, rows, n, audit)
                 waiting.difference_update(at * size + k for k in lanes)
         for k in sorted(waiting):
-            self._note(k, lambda k=k: self.simulations[k].advance(n, rows[k], audit=audit))
+            with self._noting(k):
+                self.simulations[k].advance(n, rows[k], audit=audit)
         return [simulation.snapshot() for simulation in self.simulations]
 
     def _advance_group(
@@ -115,17 +115,18 @@ class Ensemble:
         """Advance these lanes of a group, whose first simulation is the one with the index `first`."""
         from solver.engine.lanes import advance_group
 
-        given = [rows[first + k] if k in lanes else np.empty((0, 0)) for k in range(len(members))]
-        for k in lanes:
+        given = {k: row for k in lanes if (row := rows[first + k]) is not None}
+        for k in given:
             group.lasts[k][:] = members[k].inputs
-        for k, moved in enumerate(advance_group(group, lanes, [s.k for s in members], given, n, audit)):  # type: ignore[arg-type]
-            if moved is not None:
-                self._note(first + k, lambda k=k, moved=moved: members[k].moved(moved, given[k], group.lasts[k]))
+        for k, moved in advance_group(group, [s.k for s in members], given, n, audit).items():
+            with self._noting(first + k):
+                members[k].moved(moved, given[k], group.lasts[k])
 
-    def _note(self, k: int, step: Callable[[], object]) -> None:
-        """Advance simulation k by a function, and note a failure."""
+    @contextmanager
+    def _noting(self, k: int) -> Iterator[None]:
+        """Note a failure of simulation k."""
         try:
-            step()
+            yield
         except StepError as error:
             self.failures[k] = str(error)
 
@@ -138,10 +139,11 @@ class Ensemble:
         if given.ndim == 1:
             given = given[None, :]
         shape = given.shape[-2:]
-        if given.ndim > 3 or shape not in ((n, width), (1, width)) or (given.ndim == 3 and len(given) != count):
+        fits = given.ndim == 2 or (given.ndim == 3 and len(given) == count)
+        if not fits or shape not in ((n, width), (1, width)):
             raise SpecError(
-                f'Ensemble: inputs of shape {np.shape(inputs)}; give ({width},), ({n}, {width}), ({count}, {n}, {width}) '
-                f'or ({count}, 1, {width}): {count} simulations, {n} steps, {width} inputs'
+                f'Ensemble: inputs of shape {np.shape(inputs)}; give ({width},), ({n}, {width}), '
+                f'({count}, {n}, {width}) or ({count}, 1, {width}): {count} simulations, {n} steps, {width} inputs'
             )
         return [_writeable(given[k] if given.ndim == 3 else given) for k in range(count)]
 
@@ -184,19 +186,20 @@ def _require_alike(simulations: list[Simulation]) -> None:
     for k, other in enumerate(simulations):
         if not isinstance(other.engine, SingleTrack | Stepping):
             raise SpecError(
-                f'Ensemble: simulation {k}: integrator.kind = {other.scene.integrator.kind!r} is a reference integrator, '
-                'which steps by itself; use alf'
+                f'Ensemble: simulation {k}: integrator.kind = {other.scene.integrator.kind!r} is a reference '
+                'integrator, which steps by itself; use alf'
             )
         if type(other.engine) is not type(first.engine):
             raise SpecError(f'Ensemble: simulations 0 and {k} are of different levels; make one Ensemble of each level')
         if other.h_ns != first.h_ns:
             raise SpecError(
-                f'Ensemble: integrator.h = {other.h:g} in simulation {k}, {first.h:g} in simulation 0; give all the same'
+                f'Ensemble: integrator.h = {other.h:g} in simulation {k}, {first.h:g} in simulation 0; '
+                'give all the same'
             )
         if other.channels != first.channels:
             raise SpecError(
-                f'Ensemble: simulations 0 and {k} are of different topologies: {_unlike(first.channels, other.channels)}; '
-                'make one Ensemble of each topology'
+                f'Ensemble: simulations 0 and {k} are of different topologies: '
+                f'{_unlike(first.channels, other.channels)}; make one Ensemble of each topology'
             )
 
 

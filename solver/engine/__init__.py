@@ -7,9 +7,8 @@ contract.
 | solver.reference.engine | an independent integrator | solver.engine.bodies |
 | solver.levels.single_track_engine | solver.levels.track_step | its own |
 
-One that steps many vehicles at once stands beside them: a fourth file, behind the same contract, with a Simulation for
-every vehicle.
-"""
+Several of one class step at once as a group (solver.engine.lanes), which changes nothing of them but the time they
+take."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Groups of up to LANES engines that step together: the contract of a group, and the loop that all groups have in common.
+"""Groups of up to LANES engines that step together: the contract of a group, and the loop that all groups have in
+common.
 
 A group is a faster way to advance engines, and owns nothing: behind every advance() the state, the account and the
 outputs of each are in its own arrays, as if it had stepped alone. Steps are taken in blocks. A lane that left (it asked
@@ -9,16 +10,16 @@ returns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
+from solver.compiled.kernel import kernel
 from solver.compiled.lanes import LANES
 from solver.compiled.lanes.agreement import Flags
 from solver.compiled.lanes.arrays import LaneArray
-from solver.compiled.lanes.transfer import Transfer, keep, put_in, take_out
-from solver.compiled.kernel import kernel
+from solver.compiled.lanes.transfer import Transfer, put_in, take_out
 from solver.engine import Moved
 from solver.output.snapshot import NO_STEPS, Counters
 
@@ -65,15 +66,15 @@ def leave(table, flags, step, left):
 
 
 def advance_group(
-    group: Group, lanes: Sequence[int], ks: Sequence[int], inputs: Sequence[np.ndarray], n: int, audit: bool
-) -> list[Moved | None]:
-    """n steps of the engines in these lanes of a group, from step ks[lane] on, with a row of inputs[lane] each; a single
-    row holds for all. As Engine.advance() of each, whose results it returns; None of the other lanes."""
+    group: Group, ks: Sequence[int], inputs: Mapping[int, np.ndarray], n: int, audit: bool
+) -> dict[int, Moved]:
+    """n steps of the engines in these lanes of a group, from step ks[lane] on, with a row of inputs[lane] each; a
+    single row holds for all. Results as of Engine.advance() of each."""
     engines, size = group.engines, len(group.engines)
-    moved: list[Moved | None] = [None] * size  # of those that ended
-    for lane in lanes:
-        if not np.isfinite(inputs[lane]).all():  # refused before anything is advanced
-            moved[lane] = engines[lane].advance(ks[lane], inputs[lane], n, audit, group.lasts[lane])
+    moved: dict[int, Moved] = {}  # of those that ended
+    for lane, given in inputs.items():
+        if not np.isfinite(given).all():  # refused before anything is advanced
+            moved[lane] = engines[lane].advance(ks[lane], given, n, audit, group.lasts[lane])
     done, total = [0] * size, [NO_STEPS] * size
     left = np.empty(LANES, np.int64)
     rows = group.inputs.numbers
@@ -81,7 +82,7 @@ def advance_group(
     first, count = 0, 0
     while (first := first + count) < n:
         count = min(group.block, n - first)
-        going = [lane for lane in lanes if moved[lane] is None]
+        going = [lane for lane in inputs if lane not in moved]
         if not going:
             break
         for lane in range(LANES):
@@ -112,9 +113,7 @@ def advance_group(
             total[lane] = total[lane].followed_by(part.counters)
             if part.failure or part.steps < count - stayed:  # failed, or somebody asks for an end
                 moved[lane] = Moved(done[lane], total[lane], part.failure)
-    for lane in lanes:
-        moved[lane] = moved[lane] or Moved(done[lane], total[lane])
-    return moved
+    return {lane: moved.get(lane) or Moved(done[lane], total[lane]) for lane in inputs}
 
 
 def _rows(inputs: np.ndarray, first: int, count: int) -> np.ndarray:

@@ -167,8 +167,9 @@ class SingleTrack:
     """See solver.engine.Engine: what solver.levels.single_track shows of a vehicle, with the parameters that level
     found.
 
-    noted: friction changes along its road, so advance() notes where it went (solver.levels.track_friction). Only h of the
-    integrator means something here: the step is that of solver.levels.track_step, in parts of LONGEST at
+    noted: friction changes along its road, so advance() notes where it went (solver.levels.track_friction).
+
+    Only h of the integrator means something here: the step is that of solver.levels.track_step, in parts of LONGEST at
     most. Nothing iterates, and there are no constraints. Raises SpecError or ConsistencyError.
     """
 

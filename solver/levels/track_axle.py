@@ -179,13 +179,17 @@ def _stop(axle, wind, spin, brake):
     winding = spin - sliding * wind
     viscous = axle.brake_damping * capacity / (capacity + abs(spin) * axle.brake_damping + 1e-9)
     stopping = axle.brake_stiffness * wind + viscous * winding
+    held = 1.0
     slides = abs(stopping) > capacity
-    stopping = where(slides, where(stopping > 0.0, capacity, -capacity), stopping)
-    held = where(slides, 0.0, 1.0)
+    if some(slides):
+        stopping = where(slides, where(stopping > 0.0, capacity, -capacity), stopping)
+        held = where(slides, 0.0, 1.0)
+    release = 0.0
     excess = abs(wind) - capacity / axle.brake_stiffness
     falls = excess > 0.0  # the capacity fell
-    release = where(falls, axle.brake_stiffness / axle.brake_damping, 0.0)
-    winding = where(falls, winding - release * where(wind > 0.0, excess, -excess), winding)
+    if some(falls):
+        release = where(falls, axle.brake_stiffness / axle.brake_damping, 0.0)
+        winding = where(falls, winding - release * where(wind > 0.0, excess, -excess), winding)
     clockwise = where(spin > 0.0, 1.0, -1.0)
     free = 1.0 - clockwise * axle.brake_stiffness * wind / max(capacity, LEAST_TORQUE)
     return _Stop(stopping, winding, sliding, release, viscous, held, free)
@@ -197,10 +201,13 @@ def _roll(axle, tread, spin, Fz):
     W = spin * axle.radius
     part = (tread + axle.give_damping * W) / axle.give
     resisting = axle.resistance * Fz * axle.radius
-    stands = abs(part) < 1.0
-    gives = where(stands, resisting * axle.radius * axle.give_damping / axle.give, 0.0)
-    part = where(stands, part, where(part > 0.0, 1.0, -1.0))
-    rate = where(stands, W, (part * axle.give - tread) / axle.give_damping)
+    gives = resisting * axle.radius * axle.give_damping / axle.give
+    rate = W
+    rolls = not abs(part) < 1.0
+    if some(rolls):
+        gives = where(rolls, 0.0, gives)
+        part = where(rolls, where(part > 0.0, 1.0, -1.0), part)
+        rate = where(rolls, (part * axle.give - tread) / axle.give_damping, rate)
     return _Roll(resisting * part, gives, rate)
 
 

@@ -59,7 +59,9 @@ class TrackGroup:
 
     def __init__(self, engines: Sequence[SingleTrack], lasts: Sequence[np.ndarray]) -> None:
         self.engines, self.lasts, self.flags, self.block = engines, lasts, Flags(), BLOCK
-        self._mirror = Mirror([Tracks(e.tables.value, e.scratch.value, e.y, u) for e, u in zip(engines, lasts, strict=True)])
+        self._mirror = Mirror(
+            [Tracks(e.tables.value, e.scratch.value, e.y, u) for e, u in zip(engines, lasts, strict=True)]
+        )
         state = ('y', 'before', 'work.account.numbers', 'work.reached', 'work.steered')
         self.state = Transfer(self._mirror.pairs(state))
         self.shown = Transfer(self._mirror.pairs(('work.rates', 'work.told')))

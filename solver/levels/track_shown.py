@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver.compiled.kernel import kernel
-from solver.compiled.select import where
+from solver.compiled.select import some, where
 from solver.levels.track_tables import (
     ALPHA,
     AXLE_COLUMNS,
@@ -57,16 +57,18 @@ def keep_account(told, y, h, account):
     account.speed[1] = max(account.speed[1], abs(y[SPIN]), abs(y[SPIN + 1]))
     error = abs(energy - account.reference[0] + y[LOSS])
     worse = error > account.worst[0]
-    account.worst[0] = where(worse, error, account.worst[0])
-    account.worst_at[0] = where(worse, account.time[0], account.worst_at[0])
+    if some(worse):
+        account.worst[0] = where(worse, error, account.worst[0])
+        account.worst_at[0] = where(worse, account.time[0], account.worst_at[0])
 
 
 @kernel(inner=True)
 def note(reached, k, value, time):
     """Remember the largest value and its time."""
     further = value > reached[k, 0]
-    reached[k, 0] = where(further, value, reached[k, 0])
-    reached[k, 1] = where(further, time, reached[k, 1])
+    if some(further):
+        reached[k, 0] = where(further, value, reached[k, 0])
+        reached[k, 1] = where(further, time, reached[k, 1])
 
 
 @kernel(inner=True)

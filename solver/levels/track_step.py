@@ -241,7 +241,7 @@ def step(t, y, before, after, drive, brake, h, parts, w):
     return False
 
 
-@kernel(inner=True)
+@kernel(inline=True)
 def evaluate_shown(t, y, steering, drive, brake, w):
     """evaluate() for outputs: slip angles are angles, not their tangents."""
     evaluate(t, y, steering, drive, brake, w.rates, w.stiff, w.told)
@@ -268,7 +268,7 @@ def start(t, y, u, index, w, frame):
     show(t, y, w.rates, w.told, steering, u, frame)
 
 
-@kernel(inner=True)
+@kernel(inline=True)
 def advance_once(t, y, u_before, u, index, audit, shown, h, parts, w):
     """Advance the state y by a step h with the inputs u (nu,), which become those before; whether its result is finite.
 

@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 from mbd_sim_ros.lab.benchmarks import (
     endurance,
     growth,
+    lanes,
     levels,
     linkage,
     node_levels,
@@ -91,6 +92,7 @@ MEASURES: dict[str, Measure] = {
     'publish': Measure(overhead.FIGURES, 2000, 500, lambda case, _: _overhead(case)),
     'start': Measure(start.FIGURES, 1, 1, lambda case, _: start.StartUp(case.scene, case.set), once=True),
     'levels': Measure(levels.FIGURES, 4000, 400, lambda case, _: levels.Levels(case.scene, case.set)),
+    'lanes': Measure(lanes.FIGURES, 4096, 512, lambda case, _: lanes.Lanes(case.scene, case.set)),
     'node_levels': Measure(node_levels.FIGURES, 1, 1, _node_levels, once=True),
     'node': Measure(endurance.FIGURES, 1, 1, _endurance, once=True),
     'node_and_reader': Measure(endurance.FIGURES, 1, 1, _endurance, once=True),
@@ -102,14 +104,13 @@ class BenchmarkCase:
     """One line of the benchmark.
 
     measure: 'steps' times advance(), 'single' steps one at a time beside an idle loop; 'growth' is for scenes of
-    several sizes, 'threads' for several simulations at once, 'levels' for the levels of detail of a vehicle, 'peers'
-    for the car on a rig and 'linkage' for N four-bar linkages here and in other programs; 'record' and 'publish' tell
-    what encoding, recording and publishing add to a step of a paced loop, 'start' how long a start takes; 'node' is the
-    real node for `duration` [s], commanded, publishing and recording every step, 'node_and_reader' the same with a
-    reader of every topic, 'node_levels' how much of a core it takes at each level. set: changes to the scene, as
-    `--set`. publish_every: of 'record', 'publish' and 'node_levels', messages after every n-th step, as the parameter
-    of the node. targets: limits of figures, by name.
-    """
+    several sizes, 'threads' for several simulations at once, 'levels' for the levels of detail of a vehicle, 'lanes'
+    for eight cars in the lanes of a core, 'peers' for the car on a rig and 'linkage' for N four-bar linkages here and
+    in other programs; 'record' and 'publish' tell what encoding, recording and publishing add to a step of a paced
+    loop, 'start' how long a start takes; 'node' is the real node for `duration` [s], commanded, publishing and
+    recording every step, 'node_and_reader' the same with a reader of every topic, 'node_levels' how much of a core it
+    takes at each level. set: changes to the scene, as `--set`. publish_every: of 'record', 'publish' and 'node_levels',
+    messages after every n-th step, as the parameter of the node. targets: limits of figures, by name."""
 
     name: str
     scene: str
@@ -119,6 +120,7 @@ class BenchmarkCase:
         'growth',
         'threads',
         'levels',
+        'lanes',
         'peers',
         'linkage',
         'record',

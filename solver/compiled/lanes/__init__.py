@@ -1,9 +1,9 @@
 """Numbers of several simulations at once, one in each lane of a SIMD vector, for the kernels that step a single one.
 
 Kernels are written for float64, and run on complex and dual numbers too (solver.compiled.dual). With the types of this
-folder they run on LANES simulations: number.py (a number of each, a truth value of each), arrays.py (arrays of them, the
-lane innermost), functions.py (elementary functions), agreement.py (branches), mirror.py (tables, states and scratch of
-several simulations as one), transfer.py (what is copied between both).
+folder they run on LANES simulations: number.py (a number of each, a truth value of each), arrays.py (arrays of them,
+the lane innermost), functions.py (elementary functions), agreement.py (branches), mirror.py (tables, states and scratch
+of several simulations as one), transfer.py (what is copied between both).
 
 Arithmetic is done lane by lane in the same order, elementary functions are those of the C library, called for one lane
 after the other. So every lane has the bits of its single run. Where a kernel branches on numbers, all lanes take the

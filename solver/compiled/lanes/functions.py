@@ -1,9 +1,9 @@
-"""Elementary functions of numbers of lanes: those of the C library for one lane after the other, roots and roundings for
-all at once.
+"""Elementary functions of numbers of lanes: those of the C library for one lane after the other, roots and roundings
+for all at once.
 
 The functions of the C library are the ones that single simulations call, so bits are the same. There is no vector
-function with these bits; so sin, cos, tan, atan, exp, log and powers cost every lane what they cost a single simulation.
-"""
+function with these bits; so sin, cos, tan, atan, exp, log and powers cost every lane what they cost a single
+simulation."""
 
 from __future__ import annotations
 

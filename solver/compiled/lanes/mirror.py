@@ -20,10 +20,9 @@ class Mirror:
     """values: the NamedTuple of each simulation. value: the same with lanes, where arrays that are views of one memory
     are so again.
 
-    Arrays and numbers of float become those of lanes. Integers, and what is named in `common`, all simulations must have
-    in common, and the kernels see those of the first one. Lanes that are left over show the first simulation. Raises
-    SpecError, which names the field, where shapes or what must be common differ.
-    """
+    Arrays and numbers of float become those of lanes. Integers, and what is named in `common`, all simulations must
+    have in common, and the kernels see those of the first one. Lanes that are left over show the first simulation.
+    Raises SpecError, which names the field, where shapes or what must be common differ."""
 
     def __init__(self, values: Sequence[Any], common: Collection[str] = ()) -> None:
         self._common = frozenset(common)

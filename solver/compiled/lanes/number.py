@@ -239,7 +239,7 @@ def _where(condition, a, b):
     if not isinstance(condition, MaskType):
         return None
     if isinstance(a, MaskType | types.Boolean):
-        return lambda condition, a, b: _selected_truth(condition, a, b)
+        return lambda condition, a, b: _selected_truth(condition, a, b)  # noqa: PLW0108
     return lambda condition, a, b: _selected(condition, a, b)  # noqa: PLW0108
 
 
@@ -266,7 +266,7 @@ _template(max, LANE)
 _template(min, LANE)
 
 
-# -- parts, conversions -------------------------------------------------------------------------------------------------
+# -- parts, conversions -----------------------------------------------------------------------------------------------
 
 
 @infer_getattr
@@ -330,7 +330,8 @@ def _isfinite(x):
 
 
 def vector_function(name, count=1):
-    """An intrinsic that calls LLVM's function of a vector, which has the bits of the scalar one: rounding, roots, signs."""
+    """An intrinsic that calls LLVM's function of a vector, which has the bits of the scalar one: rounding, roots,
+    signs."""
 
     def codegen(context, builder, signature, args):
         kind = ir.FunctionType(VECTOR, [VECTOR] * count)

@@ -1,4 +1,5 @@
-"""Copies between arrays of lanes and those of the single simulations, and within the former, listed once as addresses."""
+"""Copies between arrays of lanes and those of the single simulations, and within the former, listed once as
+addresses."""
 
 from __future__ import annotations
 

@@ -1,0 +1,193 @@
+"""Several simulations in the lanes of a core: every one has the bits of its single run, whatever the others do."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+
+import numpy as np
+import pytest
+from single_tracks import PARAMETERS, simulation
+
+import solver
+from solver.elements.road import FrictionPatch, RoadSpec
+from solver.ensemble import FEWEST, Ensemble
+from solver.errors import SpecError
+from solver.files.scene import load_scene
+from solver.inputs.maneuver import Maneuver
+from solver.inputs.signals import Sine, Step
+from solver.simulation import Simulation
+
+COUNT = 8
+
+
+def state_of(one: Simulation) -> tuple:
+    """Everything that a run leaves behind: outputs, state, account, totals, what its level has reached."""
+    shown = one.snapshot()
+    return shown.k, shown.numbers.tobytes(), shown.counters, one.save(), one.totals(), one.reached, one.inputs.tobytes()
+
+
+def require_same(ensemble: Ensemble, alone: list[Simulation]) -> None:
+    for k, (one, other) in enumerate(zip(ensemble.simulations, alone, strict=True)):
+        assert state_of(one) == state_of(other), f'simulation {k}'
+
+
+def cars(**changes) -> list[Simulation]:
+    """Single-track cars that differ in everything that is a number: mass, tires, speed, road, steering, brakes."""
+    made = []
+    for k in range(COUNT):
+        p = copy.deepcopy(PARAMETERS)
+        p['body']['mass'] *= 1.0 + 0.02 * k
+        p['front']['stiffness_y'] *= 1.0 - 0.03 * k
+        p['rear']['drive'] = 0.1 * k
+        # the last but one brakes until its wheels lock; the last one skids
+        maneuver = Maneuver(
+            steering=Sine(amplitude=0.4 * k, frequency=0.5), brake_torque=Step(value=9000.0 * (k == 6), start=0.3),
+            drive_torque=Step(value=300.0 * (k - 3), start=0.2, rise=0.1),
+        )  # fmt: skip
+        road = RoadSpec(friction=1.0 - 0.05 * k, normal=(0.0, 0.01 * k, 1.0))
+        made.append(simulation(maneuver, speed=15.0 + 2.0 * k, parameters=p, road=road, **changes))
+    return made
+
+
+@pytest.mark.parametrize('audit', [True, False])
+def test_every_lane_has_the_bits_of_its_single_run(audit: bool) -> None:
+    """Eight cars that differ in all numbers, one of which locks its wheels, in calls of many lengths."""
+    together, alone = Ensemble(cars()), cars()
+    assert together.in_lanes and not together.why
+    for n in (1, 3, 700, 297):
+        together.advance(n, audit=audit)
+        for one in alone:
+            one.advance(n, audit=audit)
+        require_same(together, alone)
+    assert abs(alone[6].snapshot().joint_velocity[1]) < 1.0 < abs(alone[5].snapshot().joint_velocity[1])
+
+
+def test_rows_of_inputs_are_those_of_each() -> None:
+    """Rows of each, one row held by all, and one held by each; and the sentence for another shape."""
+    together, alone = Ensemble(cars()), cars()
+    nu = len(together.channels.inputs)
+    rng = np.random.default_rng(5)
+    for rows in (rng.normal(size=(COUNT, 40, nu)), rng.normal(size=nu), rng.normal(size=(COUNT, 1, nu))):
+        together.advance(40, rows)
+        for k, one in enumerate(alone):
+            one.advance(40, rows[k] if rows.ndim == 3 else rows)
+        require_same(together, alone)
+    with pytest.raises(SpecError, match=r'inputs of shape \(3, 3\); give \(\d+,\), \(40, \d+\), \(8, 40, \d+\)'):
+        together.advance(40, np.zeros((3, 3)))
+
+
+def test_a_lane_that_fails_leaves_the_others_alone() -> None:
+    """One whose numbers overflow, one that is given an input that is not finite: both say what a single run says, stay
+    at their last good step, and go on after a reset."""
+    together, alone = Ensemble(cars()), cars()
+    nu = len(together.channels.inputs)
+    rows = np.zeros((COUNT, 60, nu))
+    torque = together.channels.inputs.index('drive_torque')
+    rows[2, 30:, torque] = 1e308
+    rows[5, 50, torque] = np.nan
+    snapshots = together.advance(60, rows)
+    for k, one in enumerate(alone):
+        if k in (2, 5):
+            with pytest.raises(solver.StepError) as said:
+                one.advance(60, rows[k])
+            assert together.failures[k] == str(said.value)
+        else:
+            one.advance(60, rows[k])
+            assert not together.failures[k]
+    require_same(together, alone)
+    assert [s.k for s in snapshots] == [60, 60, alone[2].k, 60, 60, 0, 60, 60]
+    assert 30 <= alone[2].k < 60
+    together.advance(20)  # those that failed wait
+    assert [one.k for one in together.simulations] == [80, 80, alone[2].k, 80, 80, 0, 80, 80]
+    together.reset([2, 5])
+    together.advance(20)
+    for k, one in enumerate(alone):
+        if k in (2, 5):
+            one.reset()
+        else:
+            one.advance(20)
+        one.advance(20)
+    require_same(together, alone)
+
+
+def test_simulations_stay_simulations() -> None:
+    """One of them is saved, restored, advanced by itself and reset between two calls."""
+    together, alone = Ensemble(cars()), cars()
+    for each in (together.simulations, alone):
+        saved = each[1].advance(25) and each[1].save()
+        each[4].advance(7)
+        each[1].advance(5)
+        each[1].restore(saved)
+    together.advance(33)
+    for one in alone:
+        one.advance(33)
+    require_same(together, alone)
+    together.reset()
+    assert [one.k for one in together.simulations] == [0] * COUNT
+    assert together.quantity('yaw_rate').shape == (COUNT,)
+    assert together.field('pose').shape == (COUNT, 1, 7)
+    with pytest.raises(SpecError, match='yaw_rat'):
+        together.quantity('yaw_rat')
+
+
+def test_a_scene_that_is_there_several_times_is_started_once() -> None:
+    """Eleven: eight in lanes, and three that are too few to be."""
+    one = cars()[3]
+    together = Ensemble([one, *(one.twin(10.0) for _ in range(10))])
+    together.advance(50)
+    one_alone = cars()[3]
+    one_alone.advance(50)
+    assert {k.snapshot().numbers.tobytes() for k in together.simulations} == {one_alone.snapshot().numbers.tobytes()}
+    few = Ensemble([one.twin(10.0) for _ in range(FEWEST - 1)])
+    assert not few.in_lanes and 'one after the other' in few.why
+
+
+def test_friction_that_changes_along_the_road_is_told_and_taken_one_after_the_other() -> None:
+    """The level looks at it every 10 ms, from Python."""
+    road = RoadSpec(patches=(FrictionPatch(center=(12.0, 0.0), size=(4.0, 4.0), factor=0.4),))
+    made = lambda: [simulation(speed=20.0 + k, road=road) for k in range(4)]  # noqa: E731
+    together, alone = Ensemble(made()), made()
+    assert not together.in_lanes and 'friction' in together.why
+    together.advance(900)
+    for one in alone:
+        one.advance(900)
+    require_same(together, alone)
+
+
+@pytest.mark.parametrize(
+    ('others', 'sentence'),
+    [
+        (lambda: [], r'Ensemble: there is no scene'),
+        (lambda: [simulation(), simulation(h=2e-3)], r'integrator\.h = 0\.002 in simulation 1, 0\.001 in simulation 0'),
+        (lambda: [simulation(), load_scene('slider_crank')], r'simulations 0 and 1 are of different levels'),
+        (
+            lambda: [load_scene('slider_crank'), load_scene('four_bar')],
+            r'simulations 0 and 1 are of different topologies: joints \(',
+        ),
+        (
+            lambda: [load_scene('slider_crank', ['integrator.kind=reference_kkt'])],
+            r"simulation 0: integrator\.kind = 'reference_kkt' is a reference integrator",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_sentence(others, sentence: str) -> None:
+    with pytest.raises(SpecError, match=sentence):
+        Ensemble(others())
+
+
+def test_the_same_simulation_twice_is_refused() -> None:
+    one = simulation()
+    with pytest.raises(SpecError, match='twice'):
+        Ensemble([one, one])
+
+
+def test_bodies_step_one_after_the_other() -> None:
+    """With the results of each, and a sentence that says so."""
+    scenes = [dataclasses.replace(load_scene('slider_crank'), name=f'crank {k}') for k in range(4)]
+    together, alone = Ensemble(scenes), [solver.simulation_of(scene) for scene in scenes]
+    assert not together.in_lanes and 'bodies' in together.why
+    together.advance(20)
+    for one in alone:
+        one.advance(20)
+    require_same(together, alone)
