@@ -83,6 +83,8 @@ def maneuvers() -> list[tuple[str, ...]]:
     ]
     for e in EVALUATIONS:
         d = e.drive
+        if d is None:
+            continue
         amplitude = (
             '' if not d.amplitude else 'series from the angle at 0.3 g' if d.series else f'for {d.reaches:.3g} m/s^2'
         )

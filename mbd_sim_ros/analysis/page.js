@@ -1,7 +1,7 @@
 'use strict';
 const data = JSON.parse(document.getElementById('data').textContent);
 // apart for colour-blind eyes too (Okabe and Ito)
-const colour = { run: '#d55e00', reference: '#0072b2', third: '#009e73', other: '#767676', limit: '#444444', points: '#0072b2', band: 'rgba(0,114,178,0.20)', repeat: 'rgba(0,114,178,0.45)' };
+const colour = { run: '#d55e00', reference: '#0072b2', third: '#009e73', other: '#767676', limit: '#444444', points: '#0072b2', cloud: 'rgba(213,94,0,0.45)', band: 'rgba(0,114,178,0.20)', repeat: 'rgba(0,114,178,0.45)' };
 const make = (tag, text, parent, cls) => {
   const e = document.createElement(tag);
   if (text !== undefined && text !== null) e.textContent = text;

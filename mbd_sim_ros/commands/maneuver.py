@@ -71,6 +71,8 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.analysis.evaluation.driving import Driving
 
     evaluations = judging.called(args.name)
+    for evaluation in evaluations:
+        evaluation.driven  # noqa: B018  what is not driven is refused before anything is made
     if args.vehicle is None:
         raise SpecError(f'mbd maneuver {args.name}: the VEHICLE is missing; e.g. mbd maneuver {args.name} light_car')
     settings, given = judging.divided(args.overrides, evaluations)
@@ -138,9 +140,12 @@ def _listed() -> Result:
     from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS
 
     rows: list[tuple[str, ...]] = [('maneuver', '', 'speed', 'norm')]
-    rows += [(e.name, e.title, f'{3.6 * e.drive.speed:.4g} km/h', e.norm.partition(' [')[0]) for e in EVALUATIONS]
+    rows += [
+        (e.name, e.title, f'{3.6 * e.drive.speed:.4g} km/h', e.norm.partition(' [')[0]) for e in EVALUATIONS if e.drive
+    ]
     data = [
         {'name': e.name, 'title': e.title, 'norm': e.norm, 'maneuver': e.drive.maneuver, 'speed': e.drive.speed}
         for e in EVALUATIONS
+        if e.drive
     ]
     return Result(data={'status': 'ok', 'maneuvers': data}, text=table(rows))

@@ -128,9 +128,9 @@ class Driving:
 
         '' for one of their length. Source: [Buckingham1914], solver.vehicle.size. Raises MbdError.
         """
-        text = scene_text(evaluation.drive, self.vehicle, evaluation.name, self.overrides)
+        text = scene_text(evaluation.driven, self.vehicle, evaluation.name, self.overrides)
         scene = load_scene_text(text, evaluation.name, self.overrides)
-        size, usual = size_of(scene.model), 3.6 * evaluation.drive.speed
+        size, usual = size_of(scene.model), 3.6 * evaluation.driven.speed
         if size.length == 1.0:
             return ''
         similar = usual * size.speed
@@ -145,7 +145,7 @@ class Driving:
         )
 
     def _drive(self, evaluation: Evaluation) -> tuple[list[Path], dict[str, float]]:
-        one = evaluation.drive
+        one = evaluation.driven
         text = scene_text(one, self.vehicle, evaluation.name, self.overrides)
         settings = [
             *self._sized(text),
@@ -206,10 +206,10 @@ class Driving:
 
     def _fitted(self, evaluation: Evaluation, text: str) -> list[str]:
         """Settings that an evaluation computes from the scene, with all settings of the user in it."""
-        if evaluation.drive.fitted is None:
+        if evaluation.driven.fitted is None:
             return []
         scene = load_scene_text(text, evaluation.name, self.overrides)
-        return [f'{key}={value!r}' for key, value in evaluation.drive.fitted(scene).items()]
+        return [f'{key}={value!r}' for key, value in evaluation.driven.fitted(scene).items()]
 
     def _alone(self, scene: Scene) -> None:
         """Raise SpecError for a car with a trailer."""

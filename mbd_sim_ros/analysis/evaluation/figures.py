@@ -23,11 +23,14 @@ SHOWN = {  # SI unit -> (unit for people, factor)
     'N m s/rad': ('N m/(deg/s)', 1.0 / DEG),
 }
 
+UNTOLD = 'not told by this drive'
+
 
 class Figure(NamedTuple):
     """One number. name: its key in JSON. text: for people. unit: SI. limit: what the norm asks for, as text; ok:
     whether it is kept (None: not judged). error: of its value by the step of the simulation, None where nobody measured
-    it."""
+    it. interval: of 95 %, of figures that are estimated from a drive. why: the reason where a drive does not tell it.
+    """
 
     name: str
     text: str
@@ -36,6 +39,8 @@ class Figure(NamedTuple):
     limit: str = ''
     ok: bool | None = None
     error: float | None = None
+    interval: tuple[float, float] | None = None
+    why: str = ''
 
     @property
     def verdict(self) -> str:
@@ -49,6 +54,13 @@ class Figure(NamedTuple):
         return (
             '-' if not math.isfinite(self.value) else f'{self.value * factor:.4g}{error}'
         ), '' if unit == '1' else unit
+
+    def between(self) -> str:
+        """The 95 % interval for people, or why there is none."""
+        if self.why:
+            return f'{UNTOLD}: {self.why}'
+        factor = SHOWN.get(self.unit, (self.unit, 1.0))[1]
+        return '' if self.interval is None else ' to '.join(f'{factor * one:.4g}' for one in self.interval)
 
 
 class Curve(NamedTuple):
@@ -111,6 +123,8 @@ class Result:
                     'limit': f.limit,
                     'verdict': f.verdict,
                     **({} if f.error is None else {'numerical_error': f.error}),
+                    **({} if f.interval is None else {'interval_95': f.interval}),
+                    **({} if not f.why else {'not_told': f.why}),
                 }
                 for f in self.figures
             },
@@ -128,7 +142,10 @@ def verdict(oks: Any) -> bool | None:
 def sentence(results: Sequence[Result]) -> str:
     """Sentence that says if all limits of the norms are kept. A limit that was not judged is not counted among those
     that are kept."""
-    left = sum(bool(figure.limit) and figure.ok is None for result in results for figure in result.figures)
+    figures = [figure for result in results for figure in result.figures]
+    if told := sum(figure.interval is not None for figure in figures):
+        return f'{told} figures with intervals of 95 %, {sum(bool(figure.why) for figure in figures)} {UNTOLD}'
+    left = sum(bool(figure.limit) and figure.ok is None for figure in figures)
     passed = verdict(result.passed for result in results)
     if passed is None:
         return (
@@ -146,7 +163,12 @@ def sentence(results: Sequence[Result]) -> str:
 
 
 def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
-    """A table of figures for people; one result gives its figures below each other."""
+    """A table of figures for people; one result gives its figures below each other. Where they are estimated from a
+    drive their intervals, or why it does not tell them, take the place of the limits."""
+    estimated = any(f.interval or f.why for result in results for f in result.figures)
+    if estimated:
+        head = ('figure', 'value', 'unit', '95 % interval')
+        return [head, *((f.text, *f.shown(), f.between()) for result in results for f in result.figures)]
     lines: list[tuple[str, ...]] = [('figure', 'value', 'unit', 'limit', '')]
     for result in results:
         lines += [(f.text, *f.shown(), f.limit, f.verdict if f.limit else '') for f in result.figures]

@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mbd_sim_ros.analysis.evaluation.figures import SHOWN, Chart, Figure, Result, rows, sentence
 from mbd_sim_ros.analysis.pages import fill, floats, thinned
 
@@ -40,6 +42,7 @@ def write_page(
                 'verdict': {True: 'pass', False: 'FAIL', None: ''}[r.passed],
                 'norm': r.norm,
                 'source': r.source,
+                'head': rows([r])[0],
                 'rows': rows([r])[1:],
                 'notes': list(r.notes),
                 'charts': [_chart(c) for c in r.charts],
@@ -67,7 +70,7 @@ def _chart(chart: Chart) -> dict[str, Any]:
     y, fy = _axis(*chart.y)
     curves = []
     for curve in chart.curves:
-        keep = thinned(POINTS, curve.y)
+        keep = np.arange(curve.y.size) if curve.style == 'cloud' else thinned(POINTS, curve.y)
         curves.append(
             {'name': curve.name, 'style': curve.style, 'x': floats(fx * curve.x[keep]), 'y': floats(fy * curve.y[keep])}
         )

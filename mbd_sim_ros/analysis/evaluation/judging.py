@@ -28,7 +28,7 @@ from solver.scene import Scene
 from solver.validate import finite, require
 
 SIGNED = ('middle', 'start')  # parameters that are places
-MAY_BE_ZERO = ('low', 'skip', 'begin', 'deviation', 'kx', 'ky', 'kz')
+MAY_BE_ZERO = ('low', 'slowest', 'skip', 'begin', 'deviation', 'kx', 'ky', 'kz')
 RANGES = (('low', 'high'), ('slowest', 'fastest'))
 STANDING = 1.0  # m/s: a car that is never faster drives no maneuver
 FITS = (0.5, 2.0)  # lateral acceleration over speed times yaw rate, where units and signs are right
@@ -120,7 +120,12 @@ def judge(
     bad = next((f for f in result.figures if f.ok and not math.isfinite(f.value)), None)
     assert bad is None, f'{bad} passes without a value'
     ours = not mapped and 'resolved_scene' in run.metadata
-    notes = (*runs.suspicion(run), *_unread(run, place, scene), *(() if ours else misfit(found)), *result.notes)
+    notes = (
+        *runs.suspicion(run),
+        *_unread(run, place, scene),
+        *(() if ours else misfit(found, evaluation)),
+        *result.notes,
+    )
     return dataclasses.replace(result, parameters=dataclasses.asdict(parameters), notes=notes)
 
 
@@ -146,11 +151,11 @@ def _states(scene: Scene, evaluation: Evaluation) -> bool:
         return False
 
 
-def misfit(s: Signals) -> tuple[str, ...]:
+def misfit(s: Signals, evaluation: Evaluation) -> tuple[str, ...]:
     """Sentences on wrong units, signs or axes of a mapping: a car at a steady sideslip angle has a lateral acceleration
     of speed times yaw rate, and as long as it moves slowly about that, by least squares; and it turns to the side to
     which it is steered."""
-    return _angle(s) + _side(s) + _acceleration(s)
+    return _angle(s) + (() if evaluation.judges_sensors else _side(s) + _acceleration(s))
 
 
 def _angle(s: Signals) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from mbd_sim_ros.analysis.evaluation.figures import Figure, Result
 from mbd_sim_ros.analysis.evaluation.signals import Signals
+from solver.errors import SpecError
 from solver.scene import Scene
 
 SLOWEST = 1.0  # m/s at the start, below which nothing is made longer
@@ -50,7 +51,8 @@ class Evaluation:
     name: on the command line and in `maneuver.evaluation`. norm: what it follows, with its key in docs/references.md.
     needs, also: signals without which it cannot be, and such that give more figures. parameters: a dataclass of numbers
     that may be set. judge: signals and parameters -> Result; raises BagError where the maneuver is not in the
-    recording. together: figures of a whole series.
+    recording. drive: how `mbd maneuver` drives it; None of evaluations that no maneuver belongs to. together: figures
+    of a whole series. judges_sensors: it names wrong units and signs itself.
     """
 
     name: str
@@ -60,9 +62,19 @@ class Evaluation:
     also: tuple[str, ...] = ()
     parameters: type
     judge: Callable[[Signals, Any], Result]
-    drive: Drive
+    drive: Drive | None = None
     together: Callable[[list[Result]], tuple[Figure, ...]] | None = None
     aliases: tuple[str, ...] = ()
+    judges_sensors: bool = False
+
+    @property
+    def driven(self) -> Drive:
+        """How it is driven. Raises SpecError where no maneuver belongs to it."""
+        if self.drive is None:
+            raise SpecError(
+                f'{self.name}: no maneuver belongs to it, it judges recordings: mbd evaluate BAG --as {self.name}'
+            )
+        return self.drive
 
 
 def speed_of(scene: Scene) -> float:

@@ -13,6 +13,7 @@ from mbd_sim_ros.analysis.evaluation import (
     steady_state,
     transient,
 )
+from mbd_sim_ros.analysis.evaluation.drive import judging as ordinary
 from mbd_sim_ros.analysis.evaluation.kinds import Evaluation
 from solver.errors import SpecError, suggestion
 
@@ -29,6 +30,7 @@ EVALUATIONS: tuple[Evaluation, ...] = (
     braking.STOPPING,
     braking.SPLIT_FRICTION,
     ride.RIDE,
+    ordinary.DRIVE,
 )
 
 

@@ -97,6 +97,9 @@ WAYS: dict[str, tuple[str, str, tuple[Way, ...]]] = {
     'heading': ('rad', 'yaw angle', (_of_body('heading'),)),
     'x': ('m', 'place', (_one('odom/pose/x'),)),
     'y': ('m', 'place', (_one('odom/pose/y'),)),
+    'road_angle': ('rad', 'steering angle of the front road wheels, mean', ()),
+    'road_angle_left': ('rad', 'steering angle of the left front road wheel', ()),
+    'road_angle_right': ('rad', 'steering angle of the right front road wheel', ()),
     'ax': ('m/s^2', 'specific force forward', (_one('imu/ax'),)),
     'ay': ('m/s^2', 'specific force to the left', (_one('imu/ay'),)),
     'az': ('m/s^2', 'specific force upwards', (_one('imu/az'),)),
@@ -104,6 +107,9 @@ WAYS: dict[str, tuple[str, str, tuple[Way, ...]]] = {
 WHEELS = ('front_left', 'front_right', 'rear_left', 'rear_right')
 UNDER = {f'friction_{wheel}': f'tire_states/{wheel}/friction' for wheel in WHEELS}
 WAYS |= {name: ('1', 'factor on the friction under a wheel', (_one(channel),)) for name, channel in UNDER.items()}
+TURNS = {f'wheel_rate_{wheel}': f'joint_states/wheel_{wheel}/velocity' for wheel in WHEELS}
+WAYS |= {name: ('rad/s', 'speed of rotation of a wheel', (_one(channel),)) for name, channel in TURNS.items()}
+WAYS |= {f'wheel_speed_{wheel}': ('m/s', 'circumferential speed of a wheel', ()) for wheel in WHEELS}
 ANGLES = ('heading',)
 NEEDED = tuple(dict.fromkeys(channel for _, _, ways in WAYS.values() for way in ways for channel in way.channels))
 
@@ -160,7 +166,9 @@ def scene_of(run: Run, place: str) -> tuple[Scene | None, str]:
 @dataclass(kw_only=True)
 class Signals:
     """The signals of a recording. t: (n,) evenly spaced [s], counted from the first stamp where stamps tell the time of
-    day. spacing: time between two samples of what a signal is made from, where that is longer [s]."""
+    day. spacing: time between two samples of what a signal is made from, where that is longer [s]. missing: (n,) masks
+    of signals that have gaps, True within a gap.
+    """
 
     place: str
     t: np.ndarray
@@ -168,6 +176,7 @@ class Signals:
     notes: list[str]
     vehicle: Vehicle = field(default_factory=Vehicle)
     spacing: dict[str, float] = field(default_factory=dict)
+    missing: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def rate(self) -> float:
@@ -257,6 +266,8 @@ def signals(
     values = {name: way.of([on_grid[c] for c in way.channels]) for name, way in chosen.items()}
     notes += [*without, *(way.note for way in chosen.values() if way.note)]
     apart = {c: _apart(t) * 1e-9 for c, (t, _) in samples.items() if t.size > 1}
+    gaps = {c: _missing(t_ns, t) for c, (t, _) in samples.items() if c not in held}
+    missing = {name: [gaps[c] for c in way.channels if c in gaps and gaps[c].any()] for name, way in chosen.items()}
     spacing = {name: max(apart.get(c, 0.0) for c in way.channels) for name, way in chosen.items()}
     return Signals(
         place=place,
@@ -265,6 +276,7 @@ def signals(
         notes=notes,
         vehicle=vehicle or Vehicle(),
         spacing={name: seconds for name, seconds in spacing.items() if seconds > 1e-9 * (t_ns[1] - t_ns[0])},
+        missing={name: np.logical_or.reduce(masks) for name, masks in missing.items() if masks},
     )
 
 
@@ -311,6 +323,17 @@ def _grid(times: Mapping[str, np.ndarray], place: str, held: frozenset[str]) -> 
     notes += _outside({c: t for c, t in times.items() if c not in held} or times, origin)
     grid = np.arange(begin, end + 1, step, dtype=np.int64)
     return grid, origin, list(dict.fromkeys(notes))
+
+
+def _missing(grid: np.ndarray, time_ns: np.ndarray) -> np.ndarray:
+    """(n,) True for the instants of the grid within a gap of a channel: GAP without a sample, and SLOWER usual
+    intervals."""
+    result = np.zeros(grid.size, bool)
+    apart = np.diff(time_ns)
+    if apart.size:
+        for k in np.flatnonzero(apart > max(GAP * 1e9, SLOWER * float(np.median(apart)))):
+            result[np.searchsorted(grid, time_ns[k], 'right') : np.searchsorted(grid, time_ns[k + 1])] = True
+    return result
 
 
 def _apart(time_ns: np.ndarray) -> float:
