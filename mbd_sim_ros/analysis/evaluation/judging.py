@@ -120,10 +120,11 @@ def judge(
     bad = next((f for f in result.figures if f.ok and not math.isfinite(f.value)), None)
     assert bad is None, f'{bad} passes without a value'
     ours = not mapped and 'resolved_scene' in run.metadata
+    said = _angle(found) if evaluation.judges_sensors else misfit(found)
     notes = (
         *runs.suspicion(run),
         *_unread(run, place, scene),
-        *(() if ours else misfit(found, evaluation)),
+        *(() if ours else said),
         *result.notes,
     )
     return dataclasses.replace(result, parameters=dataclasses.asdict(parameters), notes=notes)
@@ -151,11 +152,11 @@ def _states(scene: Scene, evaluation: Evaluation) -> bool:
         return False
 
 
-def misfit(s: Signals, evaluation: Evaluation) -> tuple[str, ...]:
+def misfit(s: Signals) -> tuple[str, ...]:
     """Sentences on wrong units, signs or axes of a mapping: a car at a steady sideslip angle has a lateral acceleration
     of speed times yaw rate, and as long as it moves slowly about that, by least squares; and it turns to the side to
     which it is steered."""
-    return _angle(s) + (() if evaluation.judges_sensors else _side(s) + _acceleration(s))
+    return _angle(s) + _side(s) + _acceleration(s)
 
 
 def _angle(s: Signals) -> tuple[str, ...]:

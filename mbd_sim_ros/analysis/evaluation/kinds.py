@@ -69,7 +69,7 @@ class Evaluation:
 
     @property
     def driven(self) -> Drive:
-        """How it is driven. Raises SpecError where no maneuver belongs to it."""
+        """Drive by `mbd maneuver`. Raises SpecError where no maneuver belongs to it."""
         if self.drive is None:
             raise SpecError(
                 f'{self.name}: no maneuver belongs to it, it judges recordings: mbd evaluate BAG --as {self.name}'

@@ -93,8 +93,8 @@ def _beside(s: Signals, names: Sequence[str]) -> np.ndarray:
 
 
 def held(s: Signals, name: str) -> float:
-    """How long a signal keeps its values [s], as that of a slower sensor in the rows of a faster one; 0 where it does
-    not. A signal in coarse steps keeps its value only while it hardly changes."""
+    """Time for which a signal keeps each of its values [s], as that of a slower sensor in the rows of a faster one; 0
+    where it does not. A signal in coarse steps keeps its value only while it hardly changes."""
     changes = np.flatnonzero(np.diff(s[name]))
     if changes.size < LEAST_CHANGES:
         return 0.0

@@ -57,7 +57,7 @@ TEXTS = {
 
 
 class Fault(NamedTuple):
-    """What does not hold of a relation. kind: 'sign', 'swap' (of left and right), 'unit', 'shift' or 'drift'. detail:
+    """Fault of a relation. kind: 'sign', 'swap' (of left and right), 'unit', 'shift' or 'drift'. detail:
     with numbers."""
 
     kind: str
