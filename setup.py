@@ -79,12 +79,13 @@ setup(
         f'{NAME}.native': ['*.c', '*.h', '*.inc'],
         f'{NAME}.messages': ['schemas/*/*.msg'],
         f'{NAME}.analysis': ['report.html', 'page.css', 'page.js'],
-        f'{NAME}.analysis.view': ['view.html'],
+        f'{NAME}.analysis.view': ['view.html', 'scene.js', 'three.min.js', 'three.LICENSE'],
+        f'{NAME}.drive': ['drive.html'],
         f'{NAME}.analysis.evaluation': ['page.html'],
     },
     data_files=data_files(),
     zip_safe=False,
-    install_requires=[*COMPILED_WITH, 'pyyaml', 'matplotlib', 'tqdm', 'argcomplete'],
+    install_requires=[*COMPILED_WITH, 'pyyaml', 'matplotlib', 'tqdm', 'argcomplete', 'websockets>=14.0,<18'],
     extras_require={
         # Genuine ROS 2 Jazzy wheels, for machines without ROS. Where Jazzy is installed its own rclpy is used instead.
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp'],

@@ -62,12 +62,17 @@ class Portion:
 
 
 def record(
-    simulation: Simulation, directory: Path, *, frame_prefix: str = '', parameters: Mapping[str, Any] | None = None
+    simulation: Simulation,
+    directory: Path,
+    *,
+    frame_prefix: str = '',
+    parameters: Mapping[str, Any] | None = None,
+    wait: bool = True,
 ) -> tuple[Messages, StepRecorder]:
     """The encoder and the recorder of a simulation's scene; the recording begins with its state now.
 
-    frame_prefix: put before every frame name. parameters: for the description. Raises BagError when the directory
-    cannot be written.
+    frame_prefix: put before every frame name. parameters: for the description. wait: as Recorder takes it. Raises
+    BagError when the directory cannot be written.
     """
     scene, channels = simulation.scene, simulation.channels
     messages = Messages.of(scene, simulation, frame_prefix)
@@ -79,7 +84,7 @@ def record(
         parameters=parameters,
     )
     metadata |= about(simulation, reactions=scene.record.reactions) | begin_of(simulation)
-    return messages, StepRecorder(directory, messages.topics, channels.inputs, simulation.k, metadata)
+    return messages, StepRecorder(directory, messages.topics, channels.inputs, simulation.k, metadata, wait=wait)
 
 
 def require_finite_rows(seen: Seen, simulation: Simulation) -> None:

@@ -41,7 +41,7 @@ LISTED = {  # heading of the navigation -> pages
     'Use': (
         *('docs/tutorial', 'docs/commands', 'docs/coming-from', 'docs/scene', 'docs/vehicle', 'docs/cars', 'docs/tire'),
         *('docs/levels', 'docs/sweeps', 'docs/viewing', 'docs/comparing', 'docs/evaluating', 'bags/index'),
-        *('docs/ensembles', 'docs/native'),
+        *('docs/driving', 'docs/ensembles', 'docs/native'),
     ),
     'ROS and Python': ('docs/ros', 'docs/api', 'reference', 'docs/conventions'),
     'Method and evidence': (

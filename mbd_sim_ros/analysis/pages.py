@@ -23,20 +23,24 @@ from solver.errors import BagError
 HOME = 'mbd_sim_ros.analysis'
 
 
-def fill(file: Path, template: str, data: dict[str, Any]) -> None:
-    """Fill a template (package:file) with data; numbers that are not finite become null. Raises BagError when it cannot
-    be written."""
-    package, _, name = template.partition(':')
+def fill(file: Path, template: str, data: dict[str, Any], **parts: str) -> None:
+    """Write a page; see filled(). Raises BagError when it cannot be written."""
+    write_text(file, filled(template, data, **parts))
+
+
+def filled(template: str, data: dict[str, Any], **parts: str) -> str:
+    """A template (package:file) filled with data; numbers that are not finite become null. parts: mark -> the file
+    (package:file) that stands for it too."""
     text = json.dumps(plain(data), allow_nan=False).replace('<', '\\u003c')  # no tag can end the script
-    page = _text(package, name)
-    for mark, content in (('@STYLE@', _text(HOME, 'page.css')), ('@SCRIPT@', _text(HOME, 'page.js')), ('@DATA@', text)):
-        page = page.replace(mark, content)
-    write_text(file, page)
+    page = _text(template)
+    for mark, part in {'STYLE': f'{HOME}:page.css', 'SCRIPT': f'{HOME}:page.js', **parts}.items():
+        page = page.replace(f'@{mark}@', _text(part))
+    return page.replace('@DATA@', text)
 
 
 def plain_page(title: str, parts: Sequence[str]) -> str:
     """A page without script: its parts, in HTML, under the shared style."""
-    named, style = html.escape(title), _text(HOME, 'page.css')
+    named, style = html.escape(title), _text(f'{HOME}:page.css')
     head = (
         '<!DOCTYPE html>\n<html lang="en"><head><meta '
         f'charset="utf-8"><title>{named}</title><style>{style}</style></head><body>'
@@ -77,5 +81,6 @@ def thinned(points: int, *signals: np.ndarray) -> np.ndarray:
     return np.unique(np.concatenate(chosen).clip(max=n - 1))
 
 
-def _text(package: str, name: str) -> str:
+def _text(file: str) -> str:
+    package, _, name = file.partition(':')
     return files(package).joinpath(name).read_text(encoding='utf-8')

@@ -59,14 +59,6 @@ NAMED = ('lockstep_cmd', 'wheel_cmd')  # topics that take several commands by th
 TOKEN = re.compile('[A-Za-z][A-Za-z0-9_]*')  # what ROS takes as the name of a topic
 
 
-def gears_of(model: Any) -> tuple[int, int] | None:
-    """(lowest, highest) gear of the gearboxes of a model that follow the input `gear`; None where there is none."""
-    boxes = [clutch for clutch in getattr(model, 'clutches', ()) if clutch.gear == 'gear']
-    if not boxes:
-        return None
-    return -1 if any(box.reverse is not None for box in boxes) else 0, max(len(box.ratios) for box in boxes)
-
-
 def commanded(name: str) -> Commanded:
     """Description of a command."""
     known = PLAIN.get(name) or next((one for start, one in BY_WHEEL.items() if name.startswith(start)), None)

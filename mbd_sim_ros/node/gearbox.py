@@ -12,6 +12,7 @@ of map and clutch.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -71,6 +72,14 @@ class Gearbox:
         omega = max(ratio * abs(speed) / self.radius, self.idle())
         there = [float(np.interp(omega, engine.speeds, row)) for row in engine.torques]
         return float(np.interp(torque / ratio, np.maximum.accumulate(there), engine.pedals))
+
+
+def gears_of(model: Any) -> tuple[int, int] | None:
+    """(lowest, highest) gear of the gearboxes of a model that follow the input `gear`; None where there is none."""
+    boxes = [clutch for clutch in getattr(model, 'clutches', ()) if clutch.gear == 'gear']
+    if not boxes:
+        return None
+    return -1 if any(box.reverse is not None for box in boxes) else 0, max(len(box.ratios) for box in boxes)
 
 
 def _turns(model: ModelSpec, output: str) -> float:

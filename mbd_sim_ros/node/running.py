@@ -18,9 +18,10 @@ from mbd_sim_ros.bags.published import tell
 from mbd_sim_ros.messages.encode import Messages
 from mbd_sim_ros.messages.topics import ELEMENTS, MOTIONS
 from mbd_sim_ros.node.audience import Audience
-from mbd_sim_ros.node.commands import Commands, gears_of
+from mbd_sim_ros.node.commands import Commands
 from mbd_sim_ros.node.diagnostics import judged
 from mbd_sim_ros.node.driving import Driving
+from mbd_sim_ros.node.gearbox import gears_of
 from mbd_sim_ros.node.graph import SAID_HERE
 from mbd_sim_ros.node.latch import Latch
 from mbd_sim_ros.node.loop import Loop

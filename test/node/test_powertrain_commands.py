@@ -14,7 +14,7 @@ from real_node import simulator
 
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
-from mbd_sim_ros.node.commands import gears_of
+from mbd_sim_ros.node.gearbox import gears_of
 from solver.files.scene import load_scene
 from solver.inputs.command_filter import COMMANDS, commands_of
 

@@ -16,6 +16,8 @@ from mbd_sim_ros.analysis.view.motion import RecordedMotion, curves_of
 POINTS = 1500  # of a curve, about
 SMALLEST = 1e-3  # m: half of what is seen of a mechanism at least
 METRES = 10  # of ground to every side of a car
+HOME = 'mbd_sim_ros.analysis.view'
+PICTURE = {'THREE': f'{HOME}:three.min.js', 'SCENE': f'{HOME}:scene.js'}  # parts of a page that draws what moves
 
 
 def write_page(motions: list[RecordedMotion], file: Path, channels: tuple[str, ...] = ()) -> None:
@@ -25,13 +27,13 @@ def write_page(motions: list[RecordedMotion], file: Path, channels: tuple[str, .
     origins = [np.zeros(3) if first.follows == WORLD_BODY else first.pose[0, first.follows, :3]] * len(motions)
     data = {
         'title': ' and '.join(motion.name for motion in motions),
-        'runs': [_run(motion, origin) for motion, origin in zip(motions, origins, strict=True)],
+        'runs': [run_of(motion, origin) for motion, origin in zip(motions, origins, strict=True)],
         'origin': _numbers(origins[0] if first.follows != WORLD_BODY else np.zeros(3)),
         'curves': [_curve(name, unit(name), motions) for name in curves_of(first, channels)],
         'size': size_of(first),
         'ground': _ground(first, origins[0]),
     }
-    fill(file, 'mbd_sim_ros.analysis.view:view.html', data)
+    fill(file, f'{HOME}:view.html', data, **PICTURE)
 
 
 def _ground(motion: RecordedMotion, origin: np.ndarray) -> dict[str, Any] | None:
@@ -64,8 +66,8 @@ def size_of(motion: RecordedMotion) -> float:
     return 1.15 * float(max(reach))
 
 
-def _run(motion: RecordedMotion, origin: np.ndarray) -> dict[str, Any]:
-    drawing: Drawing = motion.drawing
+def run_of(motion: RecordedMotion, origin: np.ndarray) -> dict[str, Any]:
+    """A recording for the script, all places from an origin (3,) [m]."""
     pose = motion.pose.copy()
     pose[..., :3] -= origin
     return {
@@ -73,9 +75,16 @@ def _run(motion: RecordedMotion, origin: np.ndarray) -> dict[str, Any]:
         'follows': motion.follows,
         'time': floats(motion.time),
         'pose': floats(pose),
-        'bodies': len(drawing.bodies),
         'contact': floats(motion.contact - origin),
         'force': floats(motion.force),
+        **described(motion.drawing),
+    }
+
+
+def described(drawing: Drawing) -> dict[str, Any]:
+    """A drawing for the script (scene.js)."""
+    return {
+        'bodies': len(drawing.bodies),
         'lines': [[line.body, *line.a, *line.b, line.kind] for line in drawing.lines],
         'springs': [[s.i, *s.a, s.j, *s.b] for s in drawing.springs],
         'wheels': [[w.body, *w.center, *w.axis, w.radius, w.width] for w in drawing.wheels],

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import CHROMIUM, QUIET
+from browser import CHROMIUM, QUIET, SOFTWARE_WEBGL, Browser
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
@@ -260,6 +260,34 @@ def test_the_page_draws_what_the_pictures_do(car: Path, tmp_path: Path):
     pixels = imread(picture)[..., :3]
     for colour in ((0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00), (0x22, 0x22, 0x22)):  # links and curves, forces, wheels
         assert np.sum(np.all(np.abs(pixels - np.array(colour) / 255.0) < 0.04, axis=-1)) > 200
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason='no browser')
+@pytest.mark.slow
+def test_tubes_lie_where_lines_do(car: Path, tmp_path: Path):
+    """Springs and links of the picture of three.js and of the flat one, known by their colours, are in the same
+    place."""
+    from matplotlib.image import imread
+
+    write_page([read_motion(car)], tmp_path / 'p.html')
+    browser = Browser(tmp_path / 'home', (900, 700), SOFTWARE_WEBGL)
+    found = {}
+    try:
+        for how in ('webgl', 'flat'):
+            tab = browser.open(f'file://{tmp_path}/p.html?{how}&t=1.5')
+            assert tab.wait('!!view.picture') and tab.value('!!view.picture.renderer') == (how == 'webgl')
+            tab.picture(tmp_path / f'{how}.png')
+            pixels = imread(tmp_path / f'{how}.png')[:, :500, :3]
+            hue = {'links': pixels[..., 2] - pixels[..., 0] > 0.3, 'springs': pixels[..., 0] - pixels[..., 2] > 0.5}
+            found[how] = {name: np.argwhere(mask) for name, mask in hue.items()}
+    finally:
+        browser.close()
+    for name in ('links', 'springs'):
+        tubes, lines = found['webgl'][name], found['flat'][name]
+        assert len(tubes) > 200 and len(lines) > 200, name
+        # boxes around them: tubes are a few pixels thicker, and lines hide nothing behind them
+        np.testing.assert_allclose(tubes.min(axis=0), lines.min(axis=0), atol=6)
+        np.testing.assert_allclose(tubes.max(axis=0), lines.max(axis=0), atol=6)
 
 
 @pytest.mark.slow

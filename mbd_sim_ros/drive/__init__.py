@@ -1,0 +1,1 @@
+"""A car in a page of this machine: hands, pages, and what moves it (docs/driving.md)."""

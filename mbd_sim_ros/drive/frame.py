@@ -1,0 +1,92 @@
+"""Pictures as pages get them: numbers of one instant, 64-bit floats in one row.
+
+    t, number of the keys that are in it, paused, speed, ax, ay, yaw rate, steering wheel, gas, brake, handbrake, gear,
+    then of every body its pose (7), of every wheel the place of its contact (3) and the force there (3), in the world,
+    and its load.
+
+SI units. ax and ay are the specific forces of the chassis, as imu has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbd_sim_ros.analysis.view.drawing import Drawing, drawing_of
+from mbd_sim_ros.analysis.view.motion import rotated
+from mbd_sim_ros.analysis.view.page import described
+from solver.model.spec import ModelSpec
+
+HEAD = ('t', 'number', 'paused', 'speed', 'ax', 'ay', 'yaw_rate', 'steering', 'gas', 'brake', 'hand', 'gear')
+LANE = 5.0  # m between the edges that are drawn of a course
+
+
+class Head(NamedTuple):
+    """The numbers before those of bodies and wheels."""
+
+    t: float
+    number: int = 0
+    paused: float = 0.0
+    speed: float = 0.0
+    ax: float = 0.0
+    ay: float = 0.0
+    yaw_rate: float = 0.0
+    steering: float = 0.0
+    gas: float = 0.0
+    brake: float = 0.0
+    hand: float = 0.0
+    gear: float = 0.0
+
+
+def picture(head: Head, pose: np.ndarray, contact: np.ndarray, force: np.ndarray) -> bytes:
+    """A picture of poses (nb, 7) of the drawing, and of contacts (nw, 3 + 4): place [m] and orientation; force (nw, 3)
+    there, in the axes of the contact [N]."""
+    world = rotated(contact[:, 3:], force)
+    return (
+        np.concatenate([head, pose.ravel(), contact[:, :3].ravel(), world.ravel(), force[:, 2]]).astype('<f8').tobytes()
+    )
+
+
+def drawing_for_page(spec: ModelSpec) -> tuple[Drawing, dict[str, Any]]:
+    """The drawing of a car, and what the script is told of it."""
+    drawing = drawing_of(spec)
+    follows = drawing.bodies.index(spec.chassis) if spec.chassis in drawing.bodies else -1
+    return drawing, {
+        'name': 'now', 'follows': follows, 'names': [wheel.name for wheel in drawing.wheels], **described(drawing),
+    }  # fmt: skip
+
+
+def course_of(path: Any) -> dict[str, Any]:
+    """The way that the driver of a scene follows, for the script: its edges (two lines of [x, y]) and its cones."""
+    line = _line_of(path)
+    found: dict[str, Any] = {'edges': [], 'cones': []}
+    if line is not None:
+        closed = bool(np.all(line[0] == line[-1]))
+        around = np.concatenate([line[-2:-1] if closed else line[:1], line, line[1:2] if closed else line[-1:]])
+        along = around[2:] - around[:-2]
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        left = np.column_stack([-along[:, 1], along[:, 0]])
+        found['edges'] = [np.round(line + side * left, 3).tolist() for side in (0.5 * LANE, -0.5 * LANE)]
+    for gate in getattr(path, 'gates', ()):
+        found['cones'] += [
+            [x, y] for x in np.linspace(gate.begin, gate.end, 5).tolist() for y in (gate.right, gate.left)
+        ]
+    return found
+
+
+def _line_of(path: Any) -> np.ndarray | None:
+    """(n, 2) points of a course, about 1 m apart, without the straight ways behind the ends of an open one."""
+    kind = getattr(path, 'kind', '')
+    if kind == 'course':
+        line = path.line if path.closed else path.line[1:-1]
+        return np.concatenate([line[:-1:4], line[-1:]])
+    if kind == 'circle':
+        angle = np.append(np.arange(180) * np.pi / 90.0, 0.0)
+        return np.column_stack([path.start + path.radius * np.sin(angle), path.radius * (1.0 - np.cos(angle))])
+    if kind == 'waypoints':
+        ends: Sequence[float] = [point[0] for point in path.points]
+        x = np.arange(ends[0], ends[-1], 1.0)
+        return np.column_stack([x, [path.lateral(float(one)) for one in x]])
+    return None
