@@ -121,6 +121,7 @@ setup(
             'imageio-ffmpeg',
             'SALib',
             'distributed',
+            'fmpy',
             'pandas',
             'pyarrow',
             'xarray',
@@ -137,6 +138,8 @@ setup(
             'colcon-python-setup-py',
             'colcon-recursive-crawl',
         ],
+        # Units of co-simulation as controllers in a scene.
+        'fmu': ['fmpy'],
         # The documents as a static site (make site).
         'site': ['sphinx', 'myst-parser', 'furo'],
         'dev': ['ruff', 'mypy', 'import-linter', 'types-PyYAML', 'types-tqdm'],

@@ -27,12 +27,7 @@ def add(parsers: Any) -> None:
     )
     offer(scenes, names_of('scenes'), files=True)
     parser.add_argument('--out', metavar='DIR', type=Path, default=Path('native'), help='directory (default: native)')
-    parser.add_argument(
-        '--target',
-        choices=TARGETS,
-        default='v3',
-        help='processors that the library runs on: v3, every x86-64 one with AVX2 and FMA (default), or host, this one',
-    )
+    add_target(parser)
     parser.add_argument(
         '--as-applied',
         action='store_true',
@@ -40,6 +35,16 @@ def add(parsers: Any) -> None:
     )
     add_keys(parser, 'vehicle', 'maneuver', 'fidelity', 'duration')
     add_settings(parser)
+
+
+def add_target(parser: argparse.ArgumentParser) -> None:
+    """Declare --target."""
+    parser.add_argument(
+        '--target',
+        choices=TARGETS,
+        default='v3',
+        help='processors that the library runs on: v3, every x86-64 one with AVX2 and FMA (default), or host, this one',
+    )
 
 
 def run(args: argparse.Namespace) -> Result:

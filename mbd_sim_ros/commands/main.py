@@ -46,6 +46,7 @@ from mbd_sim_ros.commands import (
     drive,
     evaluate,
     export,
+    fmu,
     info,
     kandc,
     maneuver,
@@ -85,6 +86,7 @@ COMMANDS = (
     bench,
     compile,
     build,
+    fmu,
 )
 USAGE_ERROR, INTERNAL_ERROR = 2, 70
 HELP = ('-h', '--help', '--version')

@@ -141,18 +141,22 @@ def _walk(value: Any, next_word: list[int]) -> Iterator[tuple[int, np.ndarray]]:
 
 def _laid_out(blocks: Sequence[tuple[int, int, int]]) -> tuple[list[Span], tuple[int, int]]:
     """(spans by address, sizes of the sections [bytes]) of blocks (address, size, section); those that overlap are one
-    span. Every span begins with a line of the cache, at the place within it where it begins here."""
-    merged: list[list[int]] = []
+    span. Spans lie in the order of the blocks, so that the image does not depend on where memory was. Each begins with
+    a line of the cache."""
+    turn: dict[int, int] = {}  # address -> place of the first block there
+    for k, (address, *_) in enumerate(blocks):
+        turn.setdefault(address, k)
+    merged: list[list[int]] = []  # address, size, section, turn
     for address, size, section in sorted(set(blocks)):
         if merged and address < merged[-1][0] + merged[-1][1]:
             if merged[-1][2] != section:
                 raise TypeError('a step writes into memory of the tables')
             merged[-1][1] = max(merged[-1][1], address + size - merged[-1][0])
+            merged[-1][3] = min(merged[-1][3], turn[address])
         else:
-            merged.append([address, size, section])
+            merged.append([address, size, section, turn[address]])
     spans, ends = [], [0, 0]
-    for address, size, section in merged:
-        offset = -(-ends[section] // LINE) * LINE + address % LINE
-        spans.append(Span(address, size, section, offset))
-        ends[section] = offset + size
-    return spans, (-(-ends[0] // LINE) * LINE, -(-ends[1] // LINE) * LINE)
+    for address, size, section, _ in sorted(merged, key=lambda span: span[3]):
+        spans.append(Span(address, size, section, ends[section]))
+        ends[section] = -(-(ends[section] + size) // LINE) * LINE
+    return sorted(spans), (ends[0], ends[1])

@@ -54,16 +54,9 @@ def build(
             objects.append(there / f'{k}.o')
             objects[-1].write_bytes(object_code(kernel, wanted, store))
         with disk.atomic_write(file) as part:
-            command = [
-                cc,
-                *FLAGS,
-                *flags,
-                '-shared',
-                f'-I{there}',
-                f'-I{HERE}',
-                *(str(HERE / name) for name in sources),
-            ]
-            command += [*map(str, objects), f'-Wl,--version-script={there / "exported"}', '-s', '-lm', '-o', str(part)]
+            command = [cc, *FLAGS, *flags, '-shared', f'-I{there}', f'-I{HERE}']
+            command += [*(str(HERE / name) for name in sources), *map(str, objects), '-o', str(part), '-lm', '-s']
+            command += [f'-Wl,--version-script={there / "exported"}', '-Wl,--build-id=none']
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode != 0:
                 said = done.stderr.strip().splitlines()

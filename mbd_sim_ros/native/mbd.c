@@ -1,4 +1,4 @@
-/* mbd.c: loads models and drives the compiled kernels; see mbd.h. The layout of a model is that of blob.py. */
+/* mbd.c: loads models and drives the compiled kernels; see mbd.h. The layout of a model is that of model.py. */
 #include "mbd.h"
 
 #include <math.h>
@@ -10,7 +10,7 @@
 #include "kernels.inc" /* written by library.py: MBD_KERNELS(X), MBD_TARGET, MBD_AVX512 */
 #include "sha256.inc"
 
-/* Header of a model: magic, digest of all that follows, and fields. The order is that of FIELDS in blob.py. */
+/* Header of a model: magic, digest of all that follows, and fields. The order is that of FIELDS in model.py. */
 enum { MAGIC = 16, DIGEST = 32 };
 static const char magic[MAGIC] = "mbd model 1\n";
 static const char state_magic[MAGIC] = "mbd state 1\n";
@@ -35,8 +35,8 @@ typedef struct { int64_t value, rate, acceleration, filtered, state; } motion; /
 typedef struct { int64_t iterations, factorizations, evaluations, stagnated; double residual, position, velocity; } counters;
 typedef struct { int64_t status, where; counters c; int64_t done; uint8_t swapped; } result;
 
-/* What a run remembers besides state and account; part of what is written (RUN in blob.py). */
-typedef struct { int64_t k, swapped, audit, events, rescued; counters total; double smallest; } run;
+/* What a run remembers besides state and account; part of what is written (RUN in model.py). start: [ns], for units. */
+typedef struct { int64_t k, swapped, audit, events, rescued; counters total; double smallest; int64_t start; } run;
 
 typedef int32_t (*adapting)(result *, void **, int64_t, int64_t, int64_t, int64_t, int64_t, void *, void *, int64_t, int64_t,
                             double *, int64_t, int64_t, int64_t, int64_t, int64_t, int64_t, int64_t, uint8_t, int64_t);

@@ -45,7 +45,7 @@ FIELDS = (
 # What a run remembers besides state and account: `run` of mbd.c.
 RUN = (
     'steps', 'swapped', 'audit', 'events', 'divided_intervals', 'iterations', 'factorizations', 'evaluations',
-    'stagnated', 'residual_max', 'position_drift_max', 'velocity_drift_max', 'smallest_step',
+    'stagnated', 'residual_max', 'position_drift_max', 'velocity_drift_max', 'smallest_step', 'start',
 )  # fmt: skip
 COUNTERS = ('steps', 'events', 'divided_intervals', 'iterations', 'factorizations', 'evaluations', 'stagnated')
 LARGEST = {'residual_max': '1', 'position_drift_max': '1', 'velocity_drift_max': '1', 'smallest_step': 's'}
@@ -177,7 +177,7 @@ def require_native(simulation: Simulation, *, applied: bool = False) -> None:
         if part is not None and not applied:
             raise SpecError(
                 f'{key}: the scene has {name}, in Python alone: remove it from the scene and do its part outside, or '
-                'take the inputs as they were applied (--as-applied)'
+                'take the inputs as a run applies them (mbd build --as-applied)'
             )
 
 

@@ -1,0 +1,297 @@
+"""Scenes as units of co-simulation: valid, the bits of a run, states that go elsewhere, and errors by code."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+from fmpy.validation import validate_fmu
+
+from mbd_sim_ros.commands.main import main
+from mbd_sim_ros.native.fmu import exponents, write
+from mbd_sim_ros.native.kernels import target
+from solver import load_scene, simulation_of
+from solver.inputs.command_filter import CommandSource
+
+CAR, CRANK = 'car_step_steer', 'slider_crank'
+SHOWN = {CAR: ['odom/twist/wz', 'odom/pose/x', 'tire/front_left/force/fz'], CRANK: ['joint_states/crank/position']}
+
+
+class Unit:
+    """An archive that is unpacked: instances of it."""
+
+    def __init__(self, file: Path, version: int) -> None:
+        self.file, self.version = file, version
+        self.folder = Path(fmpy.extract(str(file)))
+        self.description = fmpy.read_model_description(str(file), validate=True, validate_model_structure=True)
+        self.reference = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.said: list[str] = []
+
+    def instance(self, **other: Any) -> FMU2Slave | FMU3Slave:
+        """A new instance in its initial state; messages go to `said`. other: in place of what the archive says."""
+        d = self.description
+        kind = FMU2Slave if self.version == 2 else FMU3Slave
+        given = {'guid': d.guid, 'unzipDirectory': str(self.folder), 'modelIdentifier': d.coSimulation.modelIdentifier}
+        slave = kind(**(given | other), instanceName='one')
+        slave.logger = lambda *arguments: self.said.append(str(arguments))
+        return slave
+
+    def begun(self) -> FMU2Slave | FMU3Slave:
+        """A new instance behind its initialization."""
+        slave = self.instance()
+        slave.instantiate()
+        if self.version == 2:
+            slave.setupExperiment(startTime=0.0)
+        slave.enterInitializationMode()
+        slave.exitInitializationMode()
+        return slave
+
+    def get(self, slave, names: list[str]) -> list[float]:
+        """Values by name."""
+        references = [self.reference[name] for name in names]
+        return list(slave.getReal(references) if self.version == 2 else slave.getFloat64(references))
+
+    def set(self, slave, **values: float) -> None:
+        """Set inputs or parameters."""
+        references = [self.reference[name] for name in values]
+        (slave.setReal if self.version == 2 else slave.setFloat64)(references, list(values.values()))
+
+
+@pytest.fixture(scope='module')
+def units(tmp_path_factory) -> dict[tuple[str, int], Unit]:
+    """Archives of two scenes in both versions."""
+    there = tmp_path_factory.mktemp('units')
+    made = {}
+    for scene in (CAR, CRANK):
+        simulation = simulation_of(load_scene(scene))
+        for version in (2, 3):
+            file = there / f'{scene}{version}.fmu'
+            write(simulation, file, target('v3'), version=version, program='test')
+            made[scene, version] = Unit(file, version)
+    return made
+
+
+def shown(simulation, names: list[str]) -> list[float]:
+    """Numbers of a simulation by the names of their columns."""
+    from mbd_sim_ros.native.channels import channels_of
+
+    places = {channel.name: channel.place for channel in channels_of(simulation)}
+    return [float(simulation.snapshot().numbers[places[name]]) for name in names]
+
+
+@pytest.mark.parametrize('version', [2, 3])
+@pytest.mark.parametrize('scene', [CAR, CRANK])
+def test_an_archive_is_valid_and_small(units, scene, version):
+    unit = units[scene, version]
+    assert validate_fmu(str(unit.file)) == []
+    assert unit.file.stat().st_size < 8_000_000
+    variables = {v.name: v for v in unit.description.modelVariables}
+    if scene == CAR:
+        assert [v.name for v in variables.values() if v.causality == 'input'] == [
+            'steering', 'drive_torque', 'brake_torque',
+        ]  # fmt: skip
+        assert variables['steering'].unit == 'rad' and variables['drive_torque'].unit == 'N m'
+        assert variables['odom/twist/vx'].unit == 'm/s' and variables['odom/twist/vx'].causality == 'output'
+    told = subprocess.run(
+        ['nm', '-D', *map(str, unit.folder.glob('binaries/*/*.so'))], capture_output=True, text=True, check=True
+    ).stdout
+    assert ' T fmi' in told and 'Py' not in told and 'numba' not in told
+
+
+@pytest.mark.parametrize('version', [2, 3])
+@pytest.mark.parametrize('milliseconds', [1, 5, 10])
+def test_communication_in_any_multiple_of_the_step_gives_the_bits_of_a_run(units, version, milliseconds):
+    unit, simulation, slave = units[CAR, version], simulation_of(load_scene(CAR)), units[CAR, version].begun()
+    assert unit.get(slave, SHOWN[CAR]) == shown(simulation, SHOWN[CAR])
+    for k in range(200 // milliseconds):
+        slave.doStep(k * milliseconds * 1e-3, milliseconds * 1e-3)
+        simulation.advance(milliseconds)
+        assert unit.get(slave, SHOWN[CAR]) == shown(simulation, SHOWN[CAR])
+    assert unit.get(slave, ['time', 'steps']) == [0.2, 200.0]
+    slave.freeInstance()
+
+
+def test_fmpy_simulates_to_the_end(units):
+    for version in (2, 3):
+        result = fmpy.simulate_fmu(
+            str(units[CRANK, version].file), stop_time=0.5, step_size=0.005, output_interval=0.005, output=SHOWN[CRANK]
+        )
+        simulation = simulation_of(load_scene(CRANK))
+        simulation.advance(500)
+        assert result[-1][1] == shown(simulation, SHOWN[CRANK])[0] and len(result) == 101
+
+
+@pytest.mark.parametrize('version', [2, 3])
+@pytest.mark.parametrize(
+    ('now', 'step', 'sentence'),
+    [
+        (0.0, 0.0073, 'a communication step of 7.3 ms is no multiple of the step of the model, 1 ms: take 7 or 8 ms'),
+        (0.0, 0.0004, 'take 0 or 1 ms'),
+        (0.004, 0.001, 'the communication begins at 0.004 s, and the unit is at 0 s'),
+        (0.0, -0.001, 'no step is negative'),
+        (0.0, float('nan'), 'must be finite'),
+        (float('inf'), 0.001, 'must be finite'),
+    ],
+)
+def test_a_step_beside_the_grid_is_refused_and_nothing_is_done(units, version, now, step, sentence):
+    unit, slave = units[CAR, version], units[CAR, version].begun()
+    before = unit.get(slave, SHOWN[CAR])
+    with pytest.raises(FMICallException):
+        slave.doStep(now, step)
+    assert unit.get(slave, [*SHOWN[CAR], 'steps']) == [*before, 0.0]
+    slave.doStep(0.0, 0.007)
+    assert unit.get(slave, ['steps']) == [7.0]
+    slave.freeInstance()
+
+
+@pytest.mark.parametrize('version', [2, 3])
+def test_instances_know_nothing_of_each_other_and_inputs_pass_the_filter(units, version):
+    unit = units[CAR, version]
+    one, other = unit.begun(), unit.begun()
+    unit.set(one, steering=0.4, drive_torque=100.0, brake_torque=0.0)
+    assert unit.get(one, ['steering', 'drive_torque']) == [0.4, 100.0]
+    steered, free = simulation_of(load_scene(CAR)), simulation_of(load_scene(CAR))
+    commands = CommandSource(steered.channels.inputs, steered.h_ns)
+    for k in range(10):
+        one.doStep(k * 0.01, 0.01)
+        other.doStep(k * 0.01, 0.01)
+        for _ in range(10):
+            steered.advance(1, commands.advance(0.4, 100.0, 0.0))
+        free.advance(10)
+    assert unit.get(one, SHOWN[CAR]) == shown(steered, SHOWN[CAR])
+    assert unit.get(other, SHOWN[CAR]) == shown(free, SHOWN[CAR])
+    for values in ({'steering': float('nan')}, {'odom/pose/x': 1.0}, {'steering_filter/bandwidth': 0.0}, {'time': 1.0}):
+        with pytest.raises(FMICallException):
+            unit.set(one, **values)
+    one.freeInstance()
+    other.freeInstance()
+
+
+ELSEWHERE = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from test_fmu import Unit
+unit = Unit(Path(sys.argv[2]), int(sys.argv[3]))
+slave = unit.begun()
+state = (slave.deSerializeFMUstate if unit.version == 2 else slave.deserializeFMUState)(Path(sys.argv[4]).read_bytes())
+(slave.setFMUstate if unit.version == 2 else slave.setFMUState)(state)
+slave.doStep(0.05, 0.05)
+print([value.hex() for value in unit.get(slave, sys.argv[5:])])
+"""
+
+
+@pytest.mark.parametrize('version', [pytest.param(2, marks=pytest.mark.slow), 3])
+def test_a_state_goes_back_and_into_another_process(units, version, tmp_path):
+    unit, slave = units[CAR, version], units[CAR, version].begun()
+    save, restore, release, serialize, deserialize = (
+        (slave.getFMUstate, slave.setFMUstate, slave.freeFMUstate, slave.serializeFMUstate, slave.deSerializeFMUstate)
+        if version == 2
+        else (
+            slave.getFMUState,
+            slave.setFMUState,
+            slave.freeFMUState,
+            slave.serializeFMUState,
+            slave.deserializeFMUState,
+        )
+    )
+    slave.doStep(0.0, 0.05)
+    state = save()
+    data = serialize(state)
+    slave.doStep(0.05, 0.05)
+    expected = unit.get(slave, SHOWN[CAR])
+    restore(state)
+    slave.doStep(0.05, 0.05)
+    assert unit.get(slave, SHOWN[CAR]) == expected
+    release(state)
+    (tmp_path / 'state').write_bytes(data)
+    command = [sys.executable, '-c', ELSEWHERE, str(Path(__file__).parent), str(unit.file), str(version)]
+    done = subprocess.run(
+        [*command, str(tmp_path / 'state'), *SHOWN[CAR]], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.stdout.strip() == str([value.hex() for value in expected]), done.stderr
+    generator = np.random.default_rng(5)
+    for _ in range(100):  # none is taken, and the instance stays as it was
+        mutant = bytearray(data)
+        for at in generator.integers(0, len(data), 4):
+            mutant[at] ^= int(generator.integers(1, 256))
+        with pytest.raises(FMICallException):
+            deserialize(
+                bytes(mutant[: int(generator.integers(1, len(data) + 1))] if generator.random() < 0.3 else mutant)
+            )
+    assert unit.get(slave, SHOWN[CAR]) == expected
+    slave.freeInstance()
+
+
+@pytest.mark.parametrize('version', [2, 3])
+def test_parts_that_do_not_belong_together_make_no_instance(units, version, tmp_path):
+    unit = units[CRANK, version]
+    with pytest.raises(Exception, match=r'(?i)instantiate'):
+        unit.instance(guid='0' * 32).instantiate()
+    model = unit.folder / 'resources' / 'model.mbd'
+    whole = model.read_bytes()
+    generator = np.random.default_rng(3)
+    try:
+        for k in range(50):
+            mutant = bytearray(whole)
+            mutant[int(generator.integers(0, len(whole)))] ^= int(generator.integers(1, 256))
+            model.write_bytes(bytes(mutant[: len(whole) if k % 2 else int(generator.integers(0, len(whole)))]))
+            with pytest.raises(Exception, match=r'(?i)instantiate'):
+                unit.instance().instantiate()
+        model.unlink()
+        with pytest.raises(Exception, match=r'(?i)instantiate'):
+            unit.instance().instantiate()
+    finally:
+        model.write_bytes(whole)
+    unit.begun().freeInstance()
+
+
+@pytest.mark.slow
+def test_instances_that_are_freed_leave_nothing(units):
+    def pages() -> int:
+        return int(Path('/proc/self/statm').read_text().split()[1])
+
+    for version in (2, 3):
+        unit, before = units[CRANK, version], 0
+        for k in range(300):
+            slave = unit.begun()
+            slave.doStep(0.0, 0.001)
+            slave.freeInstance()
+            if k == 100:
+                before = pages()
+        assert pages() - before < 100  # of 4 kB, in 200 instances of 120 kB: objects of FMPy
+
+
+def test_the_same_scene_gives_the_same_archive_and_the_command_writes_it(units, tmp_path, capsys):
+    file = tmp_path / 'crank.fmu'
+    write(simulation_of(load_scene(CRANK)), file, target('v3'), program='test')
+    assert file.read_bytes() == units[CRANK, 2].file.read_bytes()
+    assert main(['fmu', CRANK, '--out', str(tmp_path / 'a.fmu'), '--fmi', '3']) == 0
+    assert 'FMI 3.0' in capsys.readouterr().out
+    assert main(['fmu', 'car_lane_change', '--json']) != 0
+    assert 'the scene has a driver' in capsys.readouterr().out
+    assert main(['fmu', CRANK, '--out', str(tmp_path / 'no' / 'a.fmu')]) != 0
+    assert 'No such file or directory' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('unit', 'expected'),
+    [
+        ('N m/rad', {'kg': 1, 'm': 2, 's': -2, 'rad': -1}),
+        ('m/s^2', {'m': 1, 's': -2}),
+        ('1', {}),
+        ('N/(m/s)', None),
+        ('m or rad', None),
+        ('J', {'kg': 1, 'm': 2, 's': -2}),
+    ],
+)
+def test_units_have_the_exponents_of_their_bases(unit, expected):
+    assert exponents(unit) == expected
