@@ -26,6 +26,7 @@ from solver.analysis.balance import Balance
 from solver.analysis.certificate_coverage import weighed
 from solver.analysis.envelope import Envelope
 from solver.analysis.error_bar import NOT_ASKED, ErrorBar, Twin
+from solver.analysis.reactions import undetermined
 from solver.analysis.verdict import ERROR, passes, report, status_of
 from solver.errors import MbdError, StepError
 from solver.files.scene import load_scene_text
@@ -273,6 +274,8 @@ class _Run:
         """Finish the recording with the verdict; returns the figures."""
         figures = self.figures or self.meter.figures()
         verdict = {'status': self.status, 'findings': json.dumps(report(self.found)), 'error_text': self.error.text}
+        if told := undetermined(self.simulation):
+            verdict['reactions_text'] = told
         for name, some in (('covered', self.covered), ('explaining', self.explaining)):
             if some:
                 verdict[name] = json.dumps(report(some))
@@ -312,7 +315,8 @@ def simulate(
 
     The figures have `status` ('ok' or 'suspect'), `findings` with the reasons, `covered` with findings that the
     certificate of a plan covers (solver.analysis.certificate_coverage), `explaining` with findings in whose place the
-    error decides, `errors` and `error_text`. `passed` is false where the scene does not allow what was found.
+    error decides, `errors` and `error_text`, `reactions_text` (solver.analysis.reactions.undetermined). `passed` is
+    false where the scene does not allow what was found.
 
     A recording is always closed, with the verdict or with what ended the run. Raises StepError, BagError, and
     KeyboardInterrupt(sentence to show, signal number) between two steps.
@@ -379,6 +383,7 @@ def simulate(
         'explaining': report(run.explaining),
         'errors': run.error.report(),
         'error_text': run.error.text,
+        'reactions_text': undetermined(simulation),
         'passed': passes(simulation, run.found),
         **figures,
         **(run.balances.report() if run.balances else {}),

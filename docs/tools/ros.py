@@ -36,7 +36,8 @@ MEANING = {
     'cmd_applied': 'inputs as applied in the step that led here, and `step`: the acknowledgement of a command',
     f'element_states/{KIND}': 'outputs of the force elements of a kind: `bushings`, `brakes`, ... (parameter '
     '`publish_elements`)',
-    'reactions': 'reaction of every constraint row (parameter `publish_elements`, scene `record.reactions`)',
+    'reactions': 'reaction of every constraint row, NaN where the motion does not determine it (parameter '
+    '`publish_elements`, scene `record.reactions`)',
     'body_motions': 'velocity and acceleration of every body, along its axes and of its reference frame (scene '
     '`record.motions`)',
     '/tf': '`base_link` and the contact frames in `odom`; at the rate `record.poses` all bodies, as links, and '

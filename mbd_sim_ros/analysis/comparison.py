@@ -25,7 +25,7 @@ from mbd_sim_ros.analysis.runs import units
 from mbd_sim_ros.analysis.tolerances import Tolerances
 from mbd_sim_ros.bags.clocks import EPOCH_NS
 from mbd_sim_ros.bags.patterns import nearest
-from mbd_sim_ros.bags.reader import Run, Series
+from mbd_sim_ros.bags.reader import NOT_DETERMINED, Run, Series
 from solver.errors import BagError
 
 COUNTERS = ('cmd_applied/step',)  # compared bit by bit only: another step size counts differently
@@ -145,9 +145,16 @@ def compare(
                     f'where it is in another unit, the header of a table or a mapping file must say so'
                 )
             result = result._replace(values=(first, *moved))
+        if any(r.leaves_open(item.name.partition('/')[0]) for r in (run, *references)):
+            known = ~np.any([np.isnan(values) for values in result.values], axis=0)
+            if known.any() and not known.all():
+                open_[item.name] = int(np.count_nonzero(~known))
+                values = tuple(one[known] for one in result.values)
+                result = result._replace(time_ns=result.time_ns[known], values=values)
         return result
 
     assumed: dict[str, str] = {}
+    open_: dict[str, int] = {}  # channel -> instants at which one of the runs does not determine it
     scales = least_scales(items, homes[1:], unit_of, limits.floor)
     differences, apart = [], []
     for item in items:
@@ -176,9 +183,18 @@ def compare(
         found=tuple(found),
         origins=tuple(-origin * 1e-9 for origin in origins),
         problems=(*turned, *(apart if least > 0.0 else ())),
-        notes=(*assumed.values(), *(apart if least == 0.0 else ())),
+        notes=(*assumed.values(), *_left_open(open_), *(apart if least == 0.0 else ())),
         curves=lambda name: curves_of(by_name[name].kind, brought(by_name[name])),
     )
+
+
+def _left_open(instants: Mapping[str, int]) -> tuple[str, ...]:
+    """Sentence on channels that are not compared at so many instants, if there are any."""
+    if not instants:
+        return ()
+    shown = ', '.join(f'{name} ({count})' for name, count in list(instants.items())[:3])
+    more = f' and {len(instants) - 3} more channels' if len(instants) > 3 else ''
+    return (f'instants that are not compared, of {NOT_DETERMINED}: {shown}{more}',)
 
 
 def _turned(signals: Sequence[Signal], before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> bool:

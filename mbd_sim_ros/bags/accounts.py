@@ -56,8 +56,9 @@ class Account:
             log=(min(self.log[0], other.log[0]), max(self.log[1], other.log[1])),
         )
 
-    def doubts(self) -> list[str]:
-        """Sentences on messages that were left out, or put in another order than they were recorded."""
+    def doubts(self, holes: str = 'values that are no number') -> list[str]:
+        """Sentences on messages that were left out, or put in another order than they were recorded. holes: what values
+        are called that are no number."""
         found = []
         if self.misaligned:
             found.append('its messages are aligned from the start of the buffer, against CDR, and are read so')
@@ -77,7 +78,7 @@ class Account:
         if self.holes:
             shown = [f'{column} ({count})' for column, count in self.holes.items()]
             more = f' and {len(shown) - 3} more columns' if len(shown) > 3 else ''
-            found.append(f'values that are no number: {", ".join(shown[:3])}{more}')
+            found.append(f'{holes}: {", ".join(shown[:3])}{more}')
         return found
 
     def remarks(self) -> list[str]:

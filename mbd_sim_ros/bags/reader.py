@@ -26,6 +26,8 @@ from mbd_sim_ros.bags.writer import RECORD, RESULT
 from mbd_sim_ros.messages.topics import ELEMENTS, INPUTS, family
 from solver.errors import BagError
 
+WITH_REACTIONS = ('reactions', 'joint_states')  # topics with reactions, and with efforts of drivers
+NOT_DETERMINED = 'reactions that the motion does not determine, next to a singular position'
 NOT_SIGNALS = ('tf', 'tf_static', 'robot_description', INPUTS.name)  # topics that do not become columns
 
 
@@ -94,7 +96,11 @@ class Run:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Sentences on messages that were dropped or merged in reading, and on topics whose times do not overlap."""
-        of_topics = [f'topic {topic}: {text}' for topic, one in self.accounts.items() for text in one.doubts()]
+        of_topics = [
+            f'topic {topic}: {text}'
+            for topic, one in self.accounts.items()
+            for text in (one.doubts(NOT_DETERMINED) if self.leaves_open(topic) else one.doubts())
+        ]
         return (*filter(None, [apart(self.accounts)]), *of_topics)
 
     @property
@@ -123,6 +129,15 @@ class Run:
     def error_text(self) -> str:
         """Sentence on the numerical error of the run."""
         return self.metadata.get('error_text', 'The numerical error was not measured: the recording says nothing of it')
+
+    @property
+    def reactions_text(self) -> str:
+        """Sentence on reactions that the motion does not determine (solver.output.undetermined), or nothing."""
+        return self.metadata.get('reactions_text', '')
+
+    def leaves_open(self, topic: str) -> bool:
+        """True where NaN in a topic says that the motion does not determine a reaction, or the effort of a driver."""
+        return bool(self.reactions_text) and topic in WITH_REACTIONS
 
     @property
     def joint_kinds(self) -> dict[str, str]:

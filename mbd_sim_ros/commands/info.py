@@ -168,8 +168,14 @@ def _recording(args: argparse.Namespace) -> Result:
     verdict = run.metadata.get('status', 'unknown')
     duration = float(run.time[-1] - run.time[0]) if len(run.time) else 0.0
     data: dict[str, Any] = {'status': 'ok', 'verdict': verdict, **known, 'duration': duration}
-    data |= {'findings': run.findings, 'errors': run.errors, 'error_text': run.error_text}
+    data |= {
+        'findings': run.findings,
+        'errors': run.errors,
+        'error_text': run.error_text,
+        'reactions_text': run.reactions_text,
+    }
     rows = [('recording', args.scene), ('verdict', verdict), ('error', run.error_text)]
+    rows += [('reactions', run.reactions_text)] if run.reactions_text else []
     rows += [*((key.replace('_', ' '), text) for key, text in known.items()), ('duration', f'{duration:g} s')]
     rows += [('SUSPECT', str(one.get('text', one))) for one in run.findings]
     return Result(data=data, text=table(rows))

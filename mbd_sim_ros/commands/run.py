@@ -122,6 +122,8 @@ def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, An
     of a plan covers."""
     rows = [('verdict', data['status']), ('start', start)]
     rows.append(('error', data['error_text']))
+    if data['reactions_text']:
+        rows.append(('reactions', data['reactions_text']))
     rows += [(key.replace('_', ' '), _shown(data[key], form)) for key, form in FIGURES.items() if key in data]
     if data['rejected']:
         tried = f'{data["rejected"]} attempts at a step failed or were too inaccurate'

@@ -220,8 +220,15 @@ def kinds_of(model: ModelSpec) -> dict[str, str]:
     return {element.name: kind.name for kind in FORCES if not kind.wheels for element in getattr(model, kind.name)}
 
 
+def _determined(values: np.ndarray) -> np.ndarray:
+    """Values of which NaN says that they are not determined."""
+    return np.where(np.isnan(values), 0.0, values)
+
+
 def require_finite(snapshot: Snapshot, channels: Channels) -> None:
-    """Raise StepError naming the first channel that is not finite, with time and step."""
+    """Raise StepError naming the first channel that is not finite, with time and step. A reaction and the effort of a
+    joint may be NaN: next to a singular position the motion does not determine them (solver.output.undetermined).
+    """
     numbers = snapshot.numbers
     if math.isfinite(np.vdot(numbers, numbers)):  # NaN and inf survive a sum of squares: the cheapest test of all
         return
@@ -230,11 +237,11 @@ def require_finite(snapshot: Snapshot, channels: Channels) -> None:
         ('velocity of body', snapshot.twist, channels.bodies),
         ('position of joint', snapshot.joint_position, channels.joints),
         ('velocity of joint', snapshot.joint_velocity, channels.joints),
-        ('effort of joint', snapshot.joint_effort, channels.joints),
+        ('effort of joint', _determined(snapshot.joint_effort), channels.joints),
         ('state of tire', snapshot.tire, channels.wheels),
         ('input', snapshot.inputs, channels.inputs),
         ('output', snapshot.elements, channels.elements),
-        ('reaction', snapshot.reactions, channels.reactions),
+        ('reaction', _determined(snapshot.reactions), channels.reactions),
         ('acceleration of body', snapshot.acceleration, channels.moving),
     )
     for what, values, names in named:

@@ -16,11 +16,13 @@ from mbd_sim_ros.node.diagnostics import judged
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.parameters import PARAMETERS
 from solver.analysis.envelope import Envelope
+from solver.analysis.reactions import undetermined
 from solver.analysis.verdict import report, status_of
 from solver.errors import BagError
 from solver.findings import Finding
 from solver.output.snapshot import Snapshot
 from solver.scene import Scene
+from solver.simulation import Simulation
 
 
 class Recording:
@@ -133,6 +135,8 @@ class Recording:
             'status': status_of(found, failed=bool(loop.error)),
             'findings': json.dumps(report(found)),
         }
+        if isinstance(self._simulation, Simulation) and (told := undetermined(self._simulation)):
+            verdict['reactions_text'] = told
         try:
             return recorder.close(
                 {**verdict, **{key: str(value) for key, value in figures.items()}, 'event_list': events}

@@ -18,6 +18,7 @@ from mbd_sim_ros import interrupts
 from mbd_sim_ros.analysis import evaluation
 from mbd_sim_ros.analysis.evaluation import judging
 from mbd_sim_ros.analysis.vehicle_figures import vehicle_figures
+from mbd_sim_ros.bags.reader import WITH_REACTIONS
 from mbd_sim_ros.batch import ROWS, record, require_finite_rows, warm_up
 from mbd_sim_ros.messages.encode import require_finite
 from mbd_sim_ros.sweep.design import ERRORS, UNITS, SweepFigure
@@ -25,6 +26,7 @@ from solver import simulation_of
 from solver.analysis.certificate_coverage import weighed
 from solver.analysis.envelope import Envelope
 from solver.analysis.error_bar import NOT_ASKED, Twin
+from solver.analysis.reactions import undetermined
 from solver.analysis.verdict import ERROR, OK, SUSPECT, report, status_of
 from solver.disk import Store, digest, sources
 from solver.errors import BagError, MbdError, SpecError, suggestion
@@ -198,7 +200,7 @@ def _run(scene: Scene, figures: Mapping[str, SweepFigure], bag: Path | None, ask
     values: list[np.ndarray] = []
     places = np.zeros(0, int)  # of a snapshot, which the figures are of
     recorder = messages = None
-    status, message, told = ERROR, '', list[Finding]()
+    status, message, left_open, told = ERROR, '', '', list[Finding]()
     errors: dict[str, Any] = {}
     try:
         simulation = simulation_of(scene)
@@ -247,14 +249,18 @@ def _run(scene: Scene, figures: Mapping[str, SweepFigure], bag: Path | None, ask
         told = weighed(simulation, envelope, error=bar if asked == 'decides' else NOT_ASKED).suspect
         if twin is not None and bar.measured:
             errors = {'text': bar.text, 'share': bar.worst, 'figures': _errors(figures, found, twin)}
-        status, message = status_of(told), '; '.join(map(str, told))
+        left_open = undetermined(simulation)
+        concerned = any(figure.quantity.startswith(WITH_REACTIONS) for figure in figures.values())
+        about = [left_open] if left_open and concerned else []
+        status, message = status_of(told), '; '.join([*map(str, told), *about])
     except BagError:
         raise
     except MbdError as error:
         message = str(error)
     finally:
         if recorder is not None:
-            recorder.close({'status': status, 'findings': json.dumps(report(told))})
+            open_ = {'reactions_text': left_open} if left_open else {}
+            recorder.close({'status': status, 'findings': json.dumps(report(told)), **open_})
     numbers: dict[str, float | None] = dict.fromkeys(figures)
     if status != ERROR:
         kept = {name: one._replace(places=np.searchsorted(places, one.places)) for name, one in found.items()}
@@ -279,6 +285,11 @@ def _figures(
     for name, figure in figures.items():
         of = found[name]
         values = of.of(rows[:, of.places])
+        known = np.asarray(~np.isnan(values).any(axis=1))  # next to a singular position a reaction is not determined
+        if not known.any() or (figure.take == 'final' and not known[-1]):
+            result[name] = None
+            continue
+        values, at = values[known], time[known]
         size = lengths(values - values[0] if of.from_start else values)
         signed = values[:, 0] if values.shape[1] == 1 else size
         take = figure.take
@@ -287,7 +298,7 @@ def _figures(
         elif take == 'rms':
             value = math.sqrt(float(np.mean(size * size)))
         elif take == 'peak_time':
-            value = time[int(np.argmax(size))]
+            value = at[int(np.argmax(size))]
         elif take == 'final':
             value = signed[-1]
         else:

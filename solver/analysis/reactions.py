@@ -28,15 +28,29 @@ class Reaction(NamedTuple):
         return self.torque + np.cross(self.point - point, self.force)
 
 
+def undetermined(simulation: Simulation) -> str:
+    """Sentence on reactions that the motion did not determine so far (solver.output.undetermined), or nothing."""
+    time, first, row, rows = simulation.last_step.account.undetermined.tolist()
+    if not (time > 0.0 and simulation.of_bodies):
+        return ''
+    part = 100.0 * time / max(time, simulation.t_ns * 1e-9)
+    name, others = simulation.model.row_names[int(row)], int(rows) - 1
+    of = f'{name!r}' if others == 0 else f'{name!r} and up to {others} more rows'
+    return (
+        f'Reactions of {of} are not determined for {time:.3g} s ({part:.2g} % of the time), first at t = {first:.6g} '
+        's, next to a singular position: any value moves the mechanism alike. They are shown as NaN'
+    )
+
+
 def joint_reaction(simulation: Simulation, name: str) -> Reaction:
-    """The reaction of a joint in the state that the last Snapshot shows. Raises SpecError for a name that is no
-    joint."""
+    """The reaction of a joint in the state that the last Snapshot shows, NaN where the motion does not determine it.
+    Raises SpecError for a name that is no joint."""
     names = [joint.name for joint in simulation.scene.model.joints]
     if name not in names:
         raise SpecError(f'joint_reaction: name = {name!r}: no such joint{suggestion(name, names)}')
     e = names.index(name)
     table, kin = simulation.model.elements['joints'], simulation.kinematics
-    lam = simulation.last_step.lam
+    lam = simulation.snapshot().reactions
     i, j = table.body[e]
     F, G = kin.R[i] @ table.F[e], kin.R[j] @ table.G[e]
     p_F, p_G = kin.p[i] + kin.R[i] @ table.r_i[e], kin.p[j] + kin.R[j] @ table.r_j[e]

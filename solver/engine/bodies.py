@@ -194,6 +194,7 @@ class Bodies:
         evaluate_forces(t, kin, s.angle, s.z, 0.0, u, False, w.f, w.Kq, w.Kv, w.z_stage, self.outputs)
         self.keep_account(0.0)
         w.u_before[:] = u
+        w.marks[:] = 0.0
         self.collect(u)
 
     def keep_account(self, h: float) -> None:
@@ -205,8 +206,9 @@ class Bodies:
         """Show the current state and the outputs that were evaluated last."""
         w = self.work
         collect(
-            self.model.tables, w.chassis, self.kin, w.a_out, w.lam_out, u, self.states[0], self.outputs, self._frame
-        )
+            self.model.tables, w.chassis, self.kin, w.a_out, w.lam_out, w.marks, u, self.states[0], self.outputs,
+            self._frame,
+        )  # fmt: skip
 
     def look(self, t: float) -> None:
         """Look for a branch switch at time t [s], where the scene asks for it."""

@@ -57,6 +57,12 @@ class Account(NamedTuple):
     swayed: np.ndarray  # (1,) kinetic energy of vibrations whose amplitudes are the ranges in `swing` [J]
     # noted: energy of rows that contradict each other [J] (solver.output.contradiction); a row
     contradiction: np.ndarray
+    # (4,) memory of solver.output.undetermined: largest smooth reaction [N], share of it in forces that do something,
+    # state of a series of rough steps, 1 while multipliers are looked at
+    doubt: np.ndarray
+    # (4,) time of steps whose reactions the motion does not determine [s], time of the first [s], row with most of it
+    # there, most rows of a step
+    undetermined: np.ndarray
     twist: np.ndarray  # (bodies, 2, 6) smallest and largest value of every component of a twist [m/s, rad/s]
     # (bodies, 6) violation of the constraints by the velocities of the scheme, one step before [m/s, rad/s]
     offset: np.ndarray
@@ -71,7 +77,7 @@ TRACE = 12  # numbers that solver.output.shake keeps of a tire
 SHAPES: dict[str, tuple[int, ...]] = {  # field -> shape, where that is neither (1,) nor depends on the model
     'kinetic': (2,), 'potential': (2,), 'residual': NOTED, 'position': NOTED, 'velocity': NOTED, 'turn': NOTED,
     'speed': (2,), 'swing': (2,), 'kick': (2, 3), 'phase': (2,), 'wound': NOTED, 'contradiction': NOTED,
-    'bend': (2, 2), 'astray': (2,), 'shake': NOTED,
+    'bend': (2, 2), 'astray': (2,), 'shake': NOTED, 'doubt': (4,), 'undetermined': (4,),
 }  # fmt: skip
 
 

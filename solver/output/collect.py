@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from solver.compiled.kernel import kernel
 from solver.compiled.vec import add, cross, load3, load33, mv, scale, sub, tmv
 from solver.elements.coordinate import coordinate_rate, evaluate_coordinate
@@ -36,10 +38,22 @@ def channels_of(model: Model, *, motions: bool = False) -> Channels:
     )
 
 
+@kernel(inner=True)
+def hide(drives, marks, frame):
+    """Show NaN for the reactions that are marked, and for the efforts of drives that are among them."""
+    for i in range(frame.reactions.shape[0]):
+        if marks[i] != 0.0:
+            frame.reactions[i] = np.nan
+    for k in range(drives.output.shape[0]):
+        if marks[drives.output[k]] != 0.0:
+            frame.joint_effort[drives.coordinate[k]] = np.nan
+
+
 @kernel(borrow=True)
-def collect(tables, chassis, kin, a, lam, u, state, outputs, frame):
+def collect(tables, chassis, kin, a, lam, marks, u, state, outputs, frame):
     """Assign the OutputArrays of a state: kin and a (nb + 1, 6) are those of the outputs, lam (nc,) and u (nu,) what
-    was applied."""
+    was applied. marks (nc + 1,): reactions that the motion does not determine, and their number; they are shown as NaN.
+    """
     x = tables.coordinates
     for k in range(x.kind.shape[0]):
         value, g_i, g_j = evaluate_coordinate(x, kin, k, state.angle)
@@ -91,3 +105,5 @@ def collect(tables, chassis, kin, a, lam, u, state, outputs, frame):
         frame.reactions[i] = lam[i]
     for i in range(u.shape[0]):
         frame.inputs[i] = u[i]
+    if marks[-1] != 0.0:
+        hide(tables.drives, marks, frame)

@@ -180,7 +180,8 @@ class Snapshot(NamedTuple):
 
     @property
     def reactions(self) -> np.ndarray:
-        """(nc,) forces of constraint rows, in the order of Channels.reactions [N or N m]."""
+        """(nc,) forces of constraint rows, in the order of Channels.reactions [N or N m]; NaN where the motion does not
+        determine them (solver.output.undetermined)."""
         return self._field('reactions')
 
     @property

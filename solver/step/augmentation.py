@@ -36,6 +36,7 @@ from solver.compiled.kernel import kernel
 from solver.compiled.memory import zeros
 from solver.model.evaluate import constraint_rates
 from solver.model.saddle import CONDENSED, solve_saddle
+from solver.output.undetermined import kinetic
 from solver.step.stage import largest_turn
 
 # Directions that are kept; ten times as many take ten times the memory, and a hundred times the products.
@@ -336,16 +337,4 @@ def opposed(tables, J_s, J_e, dlam, r, f):
             for k in range(con.row[g + 1] - first):
                 for i in range(6):
                     f[con.body[e], i] += dlam[first + k] * (J_s[e, k, i] - J_e[e, k, i])
-    return _kinetic(tables, f) > 0.25 * _kinetic(tables, r)
-
-
-@kernel(inner=True)
-def _kinetic(tables, p):
-    """p^T M^-1 p."""
-    total = 0.0
-    for b in range(tables.bodies.mass.shape[0]):
-        for i in range(3):
-            total += tables.penalty_inverse_mass[b] * p[b, i] * p[b, i]
-            for j in range(3):
-                total += p[b, 3 + i] * tables.penalty_inverse_inertia[b, i, j] * p[b, 3 + j]
-    return total
+    return kinetic(tables, f) > 0.25 * kinetic(tables, r)

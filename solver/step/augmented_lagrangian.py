@@ -38,7 +38,8 @@ from solver.output.contradiction import note_contradiction
 from solver.output.energy import NOISE, note_residuals, update_energy
 from solver.output.shake import note_shake
 from solver.output.snapshot import Counters
-from solver.step.augmentation import ENOUGH, combine
+from solver.output.undetermined import DOUBT, note_undetermined
+from solver.step.augmentation import ENOUGH, combine, grew
 from solver.step.iteration import predict, speed_of
 from solver.step.iteration_fixed import iterate_fixed
 from solver.step.iteration_to_tolerance import iterate_to_tolerance
@@ -243,6 +244,9 @@ def keep_account(tables, c, h, parts, follow, s0, s1, u, counters, work):
     )  # fmt: skip
     note_shake(tables, outputs, account)
     note_contradiction(tables.constraints, work.J_end, work.lam_out, work.phi_end, work.length, work.r, work.f, account)
+    work.marks[-1] = 0.0
+    if work.augmentation.known[0] > 0 or account.doubt[DOUBT] != 0.0 or grew(s1.lam, s0.lam):
+        note_undetermined(tables, h, s0, s1, u, work)
 
 
 @kernel(borrow=True)
@@ -276,5 +280,8 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
         old, new = new, old
     if count > 0:
         u = inputs[0 if held else first + count - 1]
-        collect(tables, work.chassis, work.kin_end, work.a_out, work.lam_out, u, old, work.outputs, work.arrays)
+        w = work
+        if not audit:
+            w.marks[-1] = 0.0
+        collect(tables, w.chassis, w.kin_end, w.a_out, w.lam_out, w.marks, u, old, w.outputs, w.arrays)
     return StepResult(OK, 0, total), count

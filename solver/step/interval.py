@@ -293,5 +293,8 @@ def advance_adapting(tables, c, control, s0, s1, inputs, first, count, k, audit,
                 status = PAUSED
     if done > 0 and control.progress[OPEN] == 0.0 and status in (OK, PAUSED):
         u = inputs[0 if held else first + done - 1]
-        collect(tables, work.chassis, work.kin_end, work.a_out, work.lam_out, u, old, work.outputs, work.arrays)
+        w = work
+        if not audit:
+            w.marks[-1] = 0.0
+        collect(tables, w.chassis, w.kin_end, w.a_out, w.lam_out, w.marks, u, old, w.outputs, w.arrays)
     return StepResult(status, where, total), done, swapped

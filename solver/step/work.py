@@ -92,6 +92,7 @@ class Work(NamedTuple):
     rate: np.ndarray
     J_end: np.ndarray  # (entries + 1, 6, 6) at the end of the step
     J_stage: np.ndarray  # at the stage
+    J_before: np.ndarray  # at the start, where somebody asks for it (solver.output.undetermined)
     zp: np.ndarray
     z_stage: np.ndarray
     saddle: Saddle
@@ -99,6 +100,8 @@ class Work(NamedTuple):
     v_out: np.ndarray  # (nb + 1, 6) projected twist
     a_out: np.ndarray  # (nb + 1, 6) acceleration at the end of the step
     lam_out: np.ndarray  # (nc,) constraint forces at the end of the step
+    # (nc + 1,) 1 for rows whose constraint force the last step with an account does not determine, and their number
+    marks: np.ndarray
     account: Account  # the running account
     u_force: np.ndarray  # (nu,) 1 for inputs that forces follow, 0 for prescribed motions
     u_before: np.ndarray  # (nu,) inputs of the step before
@@ -172,8 +175,9 @@ def new_work(model, saddle: Saddle, outputs: np.ndarray, arrays: OutputArrays) -
         kin_stage=new_kinematics(nb), kin_end=new_kinematics(nb), T_stage=unit(), T_end=unit(),
         f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=zeros((ns + 1, 6, 6)), Kv=zeros((ns + 1, 6, 6)),
         phi_end=row(), phi_stage=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
-        J_end=zeros((ne + 1, 6, 6)), J_stage=zeros((ne + 1, 6, 6)), zp=zeros(nz), z_stage=zeros(nz),
-        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(),
+        J_end=zeros((ne + 1, 6, 6)), J_stage=zeros((ne + 1, 6, 6)),
+        J_before=zeros((ne + 1, 6, 6)), zp=zeros(nz), z_stage=zeros(nz),
+        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), marks=zeros(nc + 1),
         account=new_account(nb, model.n_peaks, len(model.spec.tires)),
         u_force=forces, u_before=zeros(len(forces)), u_end=zeros(len(forces)), outputs_end=outputs.copy(),
         augmentation=new_augmentation(model, row_length),

@@ -34,7 +34,7 @@ def test_the_views_are_the_buffer_each_number_once_and_in_order(bodies: int, pea
         assert view.flags.c_contiguous and view.flags.writeable
     assert {name: int(getattr(account, name).flat[0]) for name in FIRST} == FIRST
     assert account.twist.shape == (bodies, 2, 6) and account.peak.shape == (peaks, 2)
-    assert len(account.numbers) == 56 + (12 + 6 + 4) * bodies + 2 * peaks + 12 * tires
+    assert len(account.numbers) == 64 + (12 + 6 + 4) * bodies + 2 * peaks + 12 * tires
 
 
 def test_what_is_written_by_name_is_in_the_copy_of_the_buffer() -> None:
