@@ -15,6 +15,7 @@ from solver.errors import MbdError, SpecError
 
 if TYPE_CHECKING:
     from mbd_sim_ros.drive.server import Server
+    from mbd_sim_ros.drive.session import Session
 
 SCENE = 'handling_course'
 LOOK = 0.1  # s between looks for signals and the end
@@ -31,6 +32,13 @@ def add(parsers: Any) -> None:
     offer(scene, names_of('scenes'), files=True)
     add_settings(parser)
     add_keys(parser, 'vehicle', 'fidelity')
+    parser.add_argument(
+        '--node',
+        metavar='NAME',
+        nargs='?',
+        const='simulator',
+        help='a running node instead of a scene (default: simulator)',
+    )
     parser.add_argument('--duration', metavar='SECONDS', type=float, help='end after so much simulated time')
     parser.add_argument(
         '--rate',
@@ -55,43 +63,103 @@ def add(parsers: Any) -> None:
     parser.add_argument('--no-browser', action='store_true', help='open no browser; the address is printed anyway')
     parser.add_argument('--look', action='store_true', help='pages may look, and not drive')
     parser.add_argument(
-        '--steering-rate', metavar='RAD/S', type=float, help='of the steering wheel while a key is held (default: 4)'
+        '--steering-rate',
+        metavar='RAD/S',
+        type=float,
+        default=4.0,
+        help='of the steering wheel while a key is held (default: 4)',
     )
     parser.add_argument(
-        '--return-rate', metavar='RAD/S', type=float, help='of the steering wheel when it is let go (default: 8)'
+        '--return-rate',
+        metavar='RAD/S',
+        type=float,
+        default=8.0,
+        help='of the steering wheel when it is let go (default: 8)',
     )
 
 
 def run(args: argparse.Namespace) -> Result:
-    """Prepare, serve, wait for the end."""
+    """Drive a scene, or a node."""
+    from mbd_sim_ros.drive.server import Server
+
+    if args.node is not None:
+        for name, given in _of_scenes(args).items():
+            if given:
+                raise SpecError(f'--node {args.node}: {name} has no effect on a node that runs; leave it out')
+    for name, low, high in (('steering_rate', 0.1, 40.0), ('return_rate', 0.1, 40.0), ('rate', 0.01, 10.0)):
+        if not low <= getattr(args, name) <= high:
+            raise SpecError(f'--{name.replace("_", "-")} {getattr(args, name):g}: must be between {low:g} and {high:g}')
+    if args.duration is not None and not 0.0 < args.duration <= 1e6:
+        raise SpecError(f'--duration {args.duration:g}: must be above 0 and at most 1e6 s')
+    if not 0 <= args.port < 65536:
+        raise SpecError(f'--port {args.port}: must be between 0 and 65535')
+    server = Server(host=args.host, port=args.port, look=args.look, asked=args.node is not None)
+    try:
+        return _drive_scene(args, server) if args.node is None else _drive_node(args, server)
+    finally:
+        server.close()
+
+
+def _of_scenes(args: argparse.Namespace) -> dict[str, Any]:
+    """What says something of a scene, by its name on the command line, as given."""
+    return {
+        'SCENE': args.scene, '--set': args.overrides, '--vehicle': args.vehicle, '--fidelity': args.fidelity,
+        '--duration': args.duration, '--ghost': args.ghost, '--out': args.out, '--no-record': args.no_record,
+        '--rate': args.rate != 1.0,
+    }  # fmt: skip
+
+
+def _drive_scene(args: argparse.Namespace, server: Server) -> Result:
+    from mbd_sim_ros import interrupts
+
+    session = _session(args)
+    scene, loop = session.simulation.scene, session.loop
+    session.show = server.show
+    sys.setswitchinterval(SWITCH)
+    interrupts.now(f'driving {scene.name}')
+    with interrupts.held():
+        try:
+            session.start()
+            server.start(session)
+            announce(server, browser=not args.no_browser)
+            while not interrupts.event.wait(LOOK) and not loop.done.is_set():
+                pass
+        finally:
+            server.tell()
+            session.close(_end())
+    if session.failed:
+        raise MbdError(session.failed)
+    data = {
+        'status': session.verdict['status'], 'findings': session.verdict['findings'], 'scene': scene.name,
+        'recordings': [str(one) for one in session.runs], 'simulated_time': session.simulation.t_ns * 1e-9,
+        'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips, **server.counts(),
+    }  # fmt: skip
+    driven = f'{data["simulated_time"]:.2f} s in the last run, {loop.steps} steps, {loop.overruns} late'
+    rows = [('verdict', data['status']), ('driven', driven), _pages(server)]
+    rows += [('recorded in', one) for one in data['recordings']]
+    rows += [('SUSPECT', found['text']) for found in data['findings']]
+    return Result(data=data, text=table(rows), code=0 if data['status'] == 'ok' else 1)
+
+
+def _session(args: argparse.Namespace) -> Session:
+    """The scene, at its start and with all kernels compiled. Raises MbdError."""
     from mbd_sim_ros import compiling, interrupts
     from mbd_sim_ros.analysis.view.motion import read_motion
     from mbd_sim_ros.bags.published import load_published
-    from mbd_sim_ros.drive import hands
-    from mbd_sim_ros.drive.server import Server
+    from mbd_sim_ros.drive.hands import Hands, Seat
     from mbd_sim_ros.drive.session import Session
     from solver import simulation_of
     from solver.engine.stepping import KINDS
     from solver.inputs.command_filter import commands_of
 
-    rates = {}
-    for name in ('steering_rate', 'return_rate'):
-        value = getattr(args, name)
-        if value is not None:
-            if not 0.1 <= value <= 40.0:
-                raise SpecError(f'--{name.replace("_", "-")} {value:g}: must be between 0.1 and 40 rad/s')
-            rates[name] = value
-    if args.duration is not None and not 0.0 < args.duration <= 1e6:
-        raise SpecError(f'--duration {args.duration:g}: must be above 0 and at most 1e6 s')
-    if not 0.01 <= args.rate <= 10.0:
-        raise SpecError(f'--rate {args.rate:g}: must be between 0.01 and 10')
-    if not 0 <= args.port < 65536:
-        raise SpecError(f'--port {args.port}: must be between 0 and 65535')
-    duration, args.duration = args.duration or 0.0, None  # of the drive, not a key of the scene
+    ghost = None if args.ghost is None else read_motion(args.ghost)
     name = args.scene or SCENE
     interrupts.now(f'preparing {name}')
+    duration, args.duration = args.duration or 0.0, None  # of the drive, not a key of the scene
     overrides = overrides_of(args)
     scene = load_published(name, overrides)
+    if scene.fidelity == 'single_track':
+        raise SpecError(f'scene {scene.name!r}: the level single_track has no bodies to draw; take --fidelity kc')
     if getattr(scene.model, 'tires', ()):
         scene = load_published(name, [*overrides, 'actuation.wheels=true', 'actuation.steering=angle'])  # the handbrake
     if scene.integrator.kind not in KINDS:
@@ -100,60 +168,59 @@ def run(args: argparse.Namespace) -> Result:
         )
     compiling.tell(not args.json, scene.model)
     simulation = simulation_of(scene)
-    if not simulation.of_bodies:
-        raise SpecError(
-            f'scene {scene.name!r}: its level of detail has no bodies to draw; take another, e.g. --fidelity kc'
-        )
     names = commands_of(simulation.channels.inputs, 'angle')
-    seat = hands.Seat.of(simulation.scene, names)
+    seat = Seat.of(simulation.scene, names)
     simulation.advance(1, inputs=simulation.snapshot().inputs)  # compiles what a step needs
     simulation.reset()
-    ghost = None if args.ghost is None else read_motion(args.ghost)
-    session = Session(
-        simulation, names, hands.Hands(seat, **rates), title=scene.title or scene.name, out=args.out,
-        recording=not args.no_record, ghost=ghost, duration=duration, rate=args.rate,
+    hands = Hands(seat, steering_rate=args.steering_rate, return_rate=args.return_rate)
+    return Session(
+        simulation, names, hands, title=scene.title or scene.name, out=args.out, recording=not args.no_record,
+        ghost=ghost, duration=duration, rate=args.rate,
     )  # fmt: skip
+
+
+def _drive_node(args: argparse.Namespace, server: Server) -> Result:
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    from mbd_sim_ros import interrupts
+    from mbd_sim_ros.drive.attached import Attached
+
+    interrupts.now(f'looking for {args.node}')
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        server = Server(session, host=args.host, port=args.port, look=args.look)
-    except BaseException:
-        session.close('not started')
-        raise
-    session.show = server.show
-    sys.setswitchinterval(SWITCH)
-    interrupts.now(f'driving {scene.name}')
-    with interrupts.held():
-        try:
-            session.start()
-            server.start()
-            announce(server, browser=not args.no_browser)
-            while not interrupts.event.wait(LOOK) and not session.loop.done.is_set():
-                pass
-        finally:
-            ended = 'stopped by ' + signal.Signals(interrupts.received()).name if interrupts.received() else 'stopped'
-            if interrupts.received():
-                interrupts.claim()  # that is how a drive ends
-            server.tell()
+        desk = Attached(args.node, steering_rate=args.steering_rate, return_rate=args.return_rate)
+        server.look = server.look or bool(desk.look)
+        desk.show = server.show
+        interrupts.now(f'driving {args.node}')
+        with interrupts.held():
             try:
-                session.close(ended)
+                server.start(desk)
+                announce(server, browser=not args.no_browser)
+                while not interrupts.received() and desk.spin(LOOK):
+                    pass
             finally:
-                server.close()
-    if session.failed:
-        raise MbdError(session.failed)
-    loop = session.loop
-    data = {
-        'status': session.verdict['status'], 'findings': session.verdict['findings'], 'scene': scene.name,
-        'recordings': [str(one) for one in session.runs], 'simulated_time': simulation.t_ns * 1e-9, 'steps': loop.steps,
-        'overruns': loop.overruns, 'schedule_slips': loop.slips, 'pages': server.opened, 'refused': server.refused,
-        'dropped_pictures': server.dropped, 'unread_messages': server.unread,
-    }  # fmt: skip
-    rows = [
-        ('verdict', data['status']),
-        ('driven', f'{data["simulated_time"]:.2f} s in the last run, {loop.steps} steps, {loop.overruns} late'),
-    ]
-    rows.append(('pages', f'{server.opened}; {server.refused} requests refused, {server.dropped} pictures left out'))
-    rows += [('recorded in', one) for one in data['recordings']]
-    rows += [('SUSPECT', found['text']) for found in data['findings']]
-    return Result(data=data, text=table(rows), code=0 if data['status'] == 'ok' else 1)
+                ended = _end()
+                desk.close()
+    finally:
+        rclpy.try_shutdown()
+    data = {'status': 'ok', 'node': args.node, 'pictures': desk.frames, **server.counts()}
+    shown = f'{desk.frames} pictures; {ended if interrupts.received() else "the node has ended"}'
+    return Result(data=data, text=table([('node', args.node), ('shown', shown), _pages(server)]))
+
+
+def _end() -> str:
+    """Why a drive ends; a signal is the usual way, and needs no other sentence."""
+    from mbd_sim_ros import interrupts
+
+    if not interrupts.received():
+        return 'stopped'
+    interrupts.claim()
+    return f'stopped by {signal.Signals(interrupts.received()).name}'
+
+
+def _pages(server: Server) -> tuple[str, str]:
+    return 'pages', f'{server.opened}; {server.refused} requests refused, {server.dropped} pictures left out'
 
 
 def announce(server: Server, *, browser: bool) -> None:

@@ -14,12 +14,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbd_sim_ros.analysis.pages import filled
 from mbd_sim_ros.analysis.view.drawing import Drawing, drawing_of
-from mbd_sim_ros.analysis.view.motion import rotated
-from mbd_sim_ros.analysis.view.page import described
-from solver.model.spec import ModelSpec
+from mbd_sim_ros.analysis.view.ground import Ground
+from mbd_sim_ros.analysis.view.motion import RecordedMotion, rotated
+from mbd_sim_ros.analysis.view.page import PICTURE, described, run_of
+from solver.scene import Scene
 
 HEAD = ('t', 'number', 'paused', 'speed', 'ax', 'ay', 'yaw_rate', 'steering', 'gas', 'brake', 'hand', 'gear')
+SIZE = 2.6  # m of half the height of a picture: a car fills it
 LANE = 5.0  # m between the edges that are drawn of a course
 
 
@@ -49,13 +52,30 @@ def picture(head: Head, pose: np.ndarray, contact: np.ndarray, force: np.ndarray
     )
 
 
-def drawing_for_page(spec: ModelSpec) -> tuple[Drawing, dict[str, Any]]:
-    """The drawing of a car, and what the script is told of it."""
-    drawing = drawing_of(spec)
-    follows = drawing.bodies.index(spec.chassis) if spec.chassis in drawing.bodies else -1
-    return drawing, {
-        'name': 'now', 'follows': follows, 'names': [wheel.name for wheel in drawing.wheels], **described(drawing),
+def page_data(
+    scene: Scene, title: str, lock: float, ghost: RecordedMotion | None = None
+) -> tuple[Drawing, dict[str, Any]]:
+    """The drawing of a car, and all that the script of the page is told. lock: of the steering wheel [rad]."""
+    spec = scene.model
+    drawing, ground = drawing_of(spec), Ground(spec.road)
+    told = {
+        'name': 'now', 'follows': drawing.bodies.index(spec.chassis), 'names': [wheel.name for wheel in drawing.wheels],
+        **described(drawing),
     }  # fmt: skip
+    return drawing, {
+        'title': title,
+        'runs': [told] + ([] if ghost is None else [run_of(ghost, np.zeros(3))]),
+        'origin': [0.0, 0.0, 0.0],
+        'size': SIZE,
+        'ground': {'plane': [float(part) for part in ground.plane]},
+        'course': course_of(getattr(scene.maneuver.driver, 'path', None)),
+        'lock': lock,
+    }
+
+
+def filled_page(data: dict[str, Any]) -> str:
+    """The page as HTML."""
+    return filled('mbd_sim_ros.drive:drive.html', data, **PICTURE)
 
 
 def course_of(path: Any) -> dict[str, Any]:

@@ -14,6 +14,7 @@ handbrake brakes the rear wheels alone. A gearbox that nobody works gets its clu
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -61,6 +62,14 @@ class Held(NamedTuple):
 
 
 NOTHING = Held()
+
+
+def in_force(said: tuple[Held, float] | None) -> Held:
+    """Keys and axes that count now, of what a page said and when (time.monotonic()); None: nobody is at the wheel."""
+    if said is None:
+        return NOTHING
+    held, when = said
+    return held if time.monotonic() - when <= LET_GO else NOTHING._replace(number=held.number)
 
 
 def held_of(said: Mapping[str, Any]) -> Held:

@@ -64,15 +64,15 @@ class _Page:
 
 
 class Server:
-    """Serves a desk on a thread of its own. look: pages may only look; asked: they have to ask for the wheel.
+    """Serves a desk on a thread of its own; the port is taken at once.
 
-    address: of the page, with its token. Raises MbdError where the port cannot be had.
+    look: pages may only look; asked: they have to ask for the wheel. address: of the page, with its token. Raises
+    MbdError where the port cannot be had.
     """
 
-    def __init__(
-        self, desk: Desk, *, host: str = '127.0.0.1', port: int = 0, look: bool = False, asked: bool = False
-    ) -> None:
-        self.desk, self.look, self._asked = desk, look, asked
+    def __init__(self, *, host: str = '127.0.0.1', port: int = 0, look: bool = False, asked: bool = False) -> None:
+        self.look, self._asked = look, asked
+        self.desk: Desk
         self.token = secrets.token_urlsafe(16)
         self._socket = _bound(host, port)
         self.port = int(self._socket.getsockname()[1])
@@ -99,8 +99,9 @@ class Server:
         """Number of pages that look now."""
         return len(self._pages)
 
-    def start(self) -> None:
+    def start(self, desk: Desk) -> None:
         """Start the thread; returns when pages can come."""
+        self.desk = desk
         self._thread.start()
         self._ready.wait()
 
@@ -110,6 +111,13 @@ class Server:
             self._loop.call_soon_threadsafe(self._end.set)
             self._thread.join()
         self._socket.close()
+
+    def counts(self) -> dict[str, int]:
+        """Numbers of what came and went."""
+        return {
+            'pages': self.opened, 'refused': self.refused, 'dropped_pictures': self.dropped,
+            'unread_messages': self.unread,
+        }  # fmt: skip
 
     def show(self, picture: bytes) -> None:
         """Show a picture, the newest one; from any thread, which waits for nothing."""

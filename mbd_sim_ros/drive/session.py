@@ -14,16 +14,11 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from mbd_sim_ros.analysis.pages import filled
-from mbd_sim_ros.analysis.view.ground import Ground
 from mbd_sim_ros.analysis.view.motion import RecordedMotion
-from mbd_sim_ros.analysis.view.page import PICTURE, run_of
 from mbd_sim_ros.bags.recorder import new_directory
 from mbd_sim_ros.batch import record
-from mbd_sim_ros.drive.frame import Head, course_of, drawing_for_page, picture
-from mbd_sim_ros.drive.hands import LET_GO, NOTHING, Hands, Held
+from mbd_sim_ros.drive.frame import Head, filled_page, page_data, picture
+from mbd_sim_ros.drive.hands import NOTHING, Hands, Held, in_force
 from mbd_sim_ros.messages.encode import require_finite
 from mbd_sim_ros.node.driving import Driving
 from mbd_sim_ros.node.latch import Latch, Latched
@@ -40,7 +35,6 @@ from solver.simulation import Simulation
 RATE = 60.0  # Hz of pictures; ten times as many no screen shows
 AT_ONCE = 0.004  # s of steps that are made together: keys wait for no longer
 JUDGED = 0.4  # s over which it is judged how real time is kept
-SIZE = 2.6  # m of half the height of a picture: a car fills it
 FORCE, CONTACT = TIRE_COLUMNS.index('fx'), slice(len(TIRE_COLUMNS) - 7, None)
 PARAMETERS: dict[str, Any] = {
     'commands': 'topics', 'restore': '', 'steering_bandwidth': 5.0, 'steering_rate_limit': 40.0,
@@ -77,20 +71,9 @@ class Session:
         self._asked: dict[str, Future] = {}  # what pages asked for last, by name
         self._out, self._records = out, recording
         self._begun = False  # somebody has started to drive
-        spec = simulation.scene.model
-        self._drawing, told = drawing_for_page(spec)
+        self._drawing, self._page = page_data(simulation.scene, title, hands.seat.lock, ghost)
         channels = simulation.channels
         self._order = [channels.bodies.index(name) for name in self._drawing.bodies]
-        ground = Ground(spec.road)
-        self._page = {
-            'title': title,
-            'runs': [told] + ([] if ghost is None else [run_of(ghost, np.zeros(3))]),
-            'origin': [0.0, 0.0, 0.0],
-            'size': SIZE,
-            'ground': {'plane': [float(part) for part in ground.plane]},
-            'course': course_of(getattr(simulation.scene.maneuver.driver, 'path', None)),
-            'lock': hands.seat.lock,
-        }
         self.latch = Latch(simulation, Pace(rate_factor=rate), names)
         self.driving = Driving(simulation.scene, simulation, self.latch, PARAMETERS.__getitem__)
         self.envelope = Envelope(simulation)
@@ -114,7 +97,7 @@ class Session:
 
     def page(self) -> str:
         """The page as HTML."""
-        return filled('mbd_sim_ros.drive:drive.html', self._page, **PICTURE)
+        return filled_page(self._page)
 
     def hold(self, held: Held | None) -> None:
         """Take what is held at the wheel."""
@@ -161,9 +144,7 @@ class Session:
     def _poll(self) -> None:
         """Move hands and feet up to now."""
         simulation = self.simulation
-        held, when = self._held or (NOTHING, 0.0)
-        if time.monotonic() - when > LET_GO:
-            held = NOTHING._replace(number=held.number)
+        held = in_force(self._held)
         h = (simulation.k - self._moved) * simulation.h
         self._moved = simulation.k
         self._number = held.number

@@ -50,8 +50,8 @@ def desk() -> Stub:
 
 @pytest.fixture
 def server(desk: Stub) -> Iterator[Server]:
-    one = Server(desk)
-    one.start()
+    one = Server()
+    one.start(desk)
     yield one
     one.close()
 
@@ -176,8 +176,8 @@ def test_one_page_drives_another_may_take_the_wheel_and_who_goes_lets_go(server:
 
 
 def test_pages_that_may_only_look_never_drive(desk: Stub) -> None:
-    server = Server(desk, look=True)
-    server.start()
+    server = Server(look=True)
+    server.start(desk)
     with page(server) as one:
         told(one, driving=False, look=True)
         for said in ({'do': 'take'}, {'gas': 1}, {'do': 'reset'}):
@@ -344,7 +344,7 @@ def test_pages_that_come_and_go_at_random_leave_the_server_alive(server: Server,
 
 def test_a_port_that_is_taken_is_one_sentence(server: Server, desk: Stub) -> None:
     with pytest.raises(MbdError) as refused:
-        Server(desk, port=server.port)
+        Server(port=server.port)
     assert re.fullmatch(
         rf'cannot serve on 127\.0\.0\.1, port {server.port}: .* already in use; give another --port, or none for '
         'one that is free',
@@ -352,18 +352,18 @@ def test_a_port_that_is_taken_is_one_sentence(server: Server, desk: Stub) -> Non
     )
     for host in ('no.such.host.invalid', '203.0.113.7'):
         with pytest.raises(MbdError, match=f'cannot serve on {host}, port 0: .*'):
-            Server(desk, host=host)
+            Server(host=host)
 
 
 def test_what_is_open_to_others_says_so_and_still_wants_the_token(desk: Stub) -> None:
-    server = Server(desk, host='0.0.0.0')
-    server.start()
+    server = Server(host='0.0.0.0')
+    server.start(desk)
     assert server.open_to_others
     assert asked(server, '/')[0] == 403
     assert asked(server, f'/?token={server.token}', 'Host: somewhere:80')[0] == 200
     assert asked(server, f'/socket?token={server.token}', 'Host: somewhere:80', 'Origin: http://evil.example')[0] == 403
     server.close()
-    assert not Server(desk).open_to_others
+    assert not Server().open_to_others
 
 
 def test_closing_ends_all_pages(server: Server) -> None:

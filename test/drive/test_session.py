@@ -14,7 +14,7 @@ import pytest
 from mbd_sim_ros.analysis.view.motion import read_motion
 from mbd_sim_ros.bags import reader
 from mbd_sim_ros.commands.main import main
-from mbd_sim_ros.drive import session as sessions
+from mbd_sim_ros.drive import hands as of_hands
 from mbd_sim_ros.drive.frame import HEAD, Head, course_of
 from mbd_sim_ros.drive.hands import DRIVE, LET_GO, Hands, Held, Seat
 from mbd_sim_ros.drive.session import Session
@@ -114,7 +114,7 @@ def test_a_picture_holds_the_bodies_and_the_forces_on_the_tires(tmp_path: Path) 
 
 def test_who_says_nothing_any_more_holds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [100.0]
-    monkeypatch.setattr(sessions.time, 'monotonic', lambda: clock[0])
+    monkeypatch.setattr(of_hands.time, 'monotonic', lambda: clock[0])
     one = session(None)
     one.hold(Held(gas=1.0, number=4))
     simulation, hands = one.simulation, one.hands
