@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> Result:
 
 
 def _of_scenes(args: argparse.Namespace) -> dict[str, Any]:
-    """What says something of a scene, by its name on the command line, as given."""
+    """Arguments that say something of a scene: name on the command line -> value, or nothing."""
     return {
         'SCENE': args.scene, '--set': args.overrides, '--vehicle': args.vehicle, '--fidelity': args.fidelity,
         '--duration': args.duration, '--ghost': args.ghost, '--out': args.out, '--no-record': args.no_record,

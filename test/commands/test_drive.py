@@ -123,8 +123,8 @@ def test_ctrl_c_ends_a_drive_with_a_whole_recording_that_replays(tmp_path: Path)
 @pytest.mark.realtime
 @pytest.mark.slow
 def test_pages_that_come_and_go_while_a_car_is_driven_leave_the_drive_alive(tmp_path: Path) -> None:
-    """Closed with and without goodbye, in the middle of a frame, flooding; MBD_FAULTS=200 for as many. Then the car is let
-    go, a page drives on, and the recording is whole."""
+    """Closed with and without goodbye, in the middle of a frame, flooding; MBD_FAULTS=200 for as many. Then the car is
+    let go, a page drives on, and the recording is whole."""
     process = started(tmp_path, *LIGHT, '--out', 'run', '--json')
     page = page_of(process)
     page.until(lambda one: one.told.get('driving') is True)
