@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
 
 HEAD = 12  # numbers before those of bodies and wheels
 
@@ -28,7 +29,7 @@ class PageClient:
         assert found is not None
         host, token = found.groups()
         self.socket: ClientConnection = connect(
-            f'ws://{host}/socket?token={token}', origin=f'http://{host}', compression=None
+            f'ws://{host}/socket?token={token}', origin=Origin(f'http://{host}'), compression=None
         ).__enter__()
         self.told: dict[str, Any] = {}
         self.head: tuple[float, ...] = (0.0,) * HEAD
