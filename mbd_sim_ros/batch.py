@@ -21,7 +21,7 @@ from tqdm import tqdm
 from mbd_sim_ros import interrupts
 from mbd_sim_ros.bags.applied import begin_of
 from mbd_sim_ros.bags.recorder import StepRecorder, about, describe
-from mbd_sim_ros.messages.encode import Messages, require_finite
+from mbd_sim_ros.messages.encode import Messages, finite_rows, require_finite
 from solver.analysis.balance import Balance
 from solver.analysis.certificate_coverage import weighed
 from solver.analysis.envelope import Envelope
@@ -90,11 +90,9 @@ def record(
 
 def require_finite_rows(seen: Seen, simulation: Simulation) -> None:
     """Raise StepError where something that was seen is not finite; see require_finite()."""
-    numbers = seen.numbers
-    if math.isfinite(numbers.sum()):  # not a product of matrices, which would start threads
-        return
-    for k, row in zip(seen.steps.tolist(), numbers, strict=True):
-        require_finite(simulation.snapshot_of(k, row), simulation.channels)
+    bad = finite_rows(seen.numbers, simulation.channels)
+    if bad < len(seen.numbers):
+        require_finite(simulation.snapshot_of(int(seen.steps[bad]), seen.numbers[bad]), simulation.channels)
 
 
 def warm_up(simulation: Simulation) -> None:
@@ -156,11 +154,14 @@ class _Track:
             require_finite_rows(seen, simulation)
             return
         messages, recorder = self._writing
-        for k, numbers in zip(seen.steps.tolist(), seen.numbers, strict=True):
-            if k % self.every == 0:
-                self._note(recorder, first, at, k)
-                at = k
-                self._take(messages, recorder, simulation.snapshot_of(k, numbers))
+        turn = seen.steps % self.every == 0
+        steps, rows = seen.steps[turn], seen.numbers[turn]
+        times = steps * simulation.h_ns
+        for t_ns, k, encoded in zip(times.tolist(), steps.tolist(), messages.encode_rows(steps, times, rows)):
+            self._note(recorder, first, at, k)
+            at = self._written = k
+            recorder.record(t_ns, encoded)
+        require_finite_rows(seen, simulation)
         self._note(recorder, first, at, simulation.k)
 
     def _note(self, recorder: StepRecorder, first: int, begin: int, end: int) -> None:

@@ -23,13 +23,14 @@ from solver.errors import StepError
 from solver.files.urdf import link_of
 from solver.model.spec import ModelSpec
 from solver.output.sensors import Sensors
-from solver.output.snapshot import Channels, Snapshot
+from solver.output.snapshot import NO_STEPS, Channels, Snapshot, layout_of
 
 if TYPE_CHECKING:
     from solver.scene import Scene
     from solver.simulation import Simulation
 
 PARTS = 64  # selections of topics that are remembered
+PATTERNS = 4096  # steps whose selection of topics is remembered, of the period in which these come again
 STAMP = struct.Struct('<iI')  # builtin_interfaces/Time: s, ns
 
 
@@ -149,6 +150,19 @@ class Messages:
         self._sensors = sensors if sensors is not None and sensors.noise and parts.sensed else None
         self._sensed_at = [number(spot) for spot in parts.sensed]
         self._sensed_in = {spot.template for spot in parts.sensed}
+        # of all templates, for many snapshots at once
+        empty = np.zeros(0, int)
+        self._all = _Part(
+            stamps=[place for places in self._stamps for place in places],
+            source=np.concatenate([empty, *(source for _, source, _ in self._filled)]),
+            target=np.concatenate([empty, *(target for _, _, target in self._filled)]),
+            messages=[],
+            sensed=False,
+        )
+        self._table, self._layout = np.zeros((0, len(self._numbers))), layout_of(self.channels)
+        self._spans = [(begin, begin + len(message)) for begin, message in zip(begins, self._messages, strict=True)]
+        self._patterns: dict[int, list[tuple[int, int, int]]] = {}
+        self._period = math.lcm(*self._every, self.poses_every or 1)
         inputs = parts.templates[parts.applied].places['position']
         self._step = number(Spot(parts.applied, inputs.offset)) + inputs.size - 1
 
@@ -177,6 +191,51 @@ class Messages:
         for i, message in part.messages:
             messages[i] = bytes(message)
         return messages
+
+    def encode_rows(self, steps: np.ndarray, t_ns: np.ndarray, rows: np.ndarray) -> list[list[bytes | None]]:
+        """encode() of the numbers (n, m) of snapshots of n steps, at times t_ns (n,): the same bytes, in one copy, up
+        to the first snapshot that encode() refuses."""
+        n = finite_rows(rows, self.channels)
+        if n == 0:
+            return []
+        steps, t_ns, rows = steps[:n], t_ns[:n], rows[:n]
+        snapshots = (
+            Snapshot(k, t, row, self._layout, NO_STEPS)
+            for k, t, row in zip(steps.tolist(), t_ns.tolist(), rows, strict=True)
+        )
+        if self._sensors is not None:  # whose noise is made step by step
+            return [self.encode(snapshot) for snapshot in snapshots]
+        if len(rows) > len(self._table):
+            self._table = np.repeat(self._numbers[None], len(rows), axis=0)
+        table = self._table[: len(rows)]
+        table[:, self._all.target] = rows[:, self._all.source]
+        table[:, self._step] = steps
+        seconds, rest = np.divmod(t_ns, 1_000_000_000)
+        halves = table.view(np.int32)
+        stamps = np.array(self._all.stamps, int) // halves.itemsize
+        halves[:, stamps] = seconds[:, None]
+        halves.view(np.uint32)[:, stamps + 1] = rest[:, None]
+        data = memoryview(table).cast('B')  # type: ignore[arg-type]  # numpy arrays are buffers
+        size, found = table.itemsize * table.shape[1], list[list[bytes | None]]()
+        for begin, k in zip(range(0, size * len(rows), size), steps.tolist(), strict=True):
+            messages: list[bytes | None] = [None] * len(self._every)
+            for i, first, last in self._due(k):
+                messages[i] = bytes(data[begin + first : begin + last])
+            found.append(messages)
+        return found
+
+    def _due(self, k: int) -> list[tuple[int, int, int]]:
+        """Places of the topics that have a message at step k, and of its bytes in the buffer."""
+        pattern = k % self._period
+        if pattern not in self._patterns:
+            if len(self._patterns) == PATTERNS:
+                self._patterns.clear()
+            due = [i for i, every in enumerate(self._every) if k % every == 0]
+            placed = self._seldom is not None and k % self.poses_every == 0
+            last = len(self.topics) - 1
+            chosen = [(i, self._seldom if placed and i == last and self._seldom is not None else i) for i in due]
+            self._patterns[pattern] = [(i, *self._spans[template]) for i, template in chosen]
+        return self._patterns[pattern]
 
     def _part(self, due: tuple[int, ...], placed: bool) -> _Part:
         """Part of the buffer that the topics at these places take, the last of them with all bodies if `placed`; kept
@@ -223,6 +282,21 @@ def kinds_of(model: ModelSpec) -> dict[str, str]:
 def _determined(values: np.ndarray) -> np.ndarray:
     """Values of which NaN says that they are not determined."""
     return np.where(np.isnan(values), 0.0, values)
+
+
+def finite_rows(rows: np.ndarray, channels: Channels) -> int:
+    """Number of rows (n, m) of snapshots before the first that require_finite() refuses."""
+    with np.errstate(over='ignore', invalid='ignore'):
+        total = rows.sum()  # not a product, for which libraries of matrices start threads
+    if math.isfinite(total):
+        return len(rows)
+    layout = layout_of(channels)
+    for k in np.flatnonzero(~np.isfinite(rows).all(axis=1)).tolist():
+        try:
+            require_finite(Snapshot(0, 0, rows[k], layout, NO_STEPS), channels)
+        except StepError:
+            return int(k)
+    return len(rows)
 
 
 def require_finite(snapshot: Snapshot, channels: Channels) -> None:

@@ -28,6 +28,7 @@ from solver.output.snapshot import layout_of, new_numbers, output_arrays
 from solver.scene import Scene
 from solver.start.displacement import displace, require_free, require_near, sight
 from solver.start.initial_conditions import InitialConditions
+from solver.start.known import start_of
 from solver.start.newton import ConsistentState
 from solver.start.placement import Changes
 from solver.start.reach import beyond_reach
@@ -100,13 +101,19 @@ class Bodies:
         """Find the consistent state at t = 0 and keep it. explain: says why a step that seeks it failed. Raises
         ConsistencyError."""
         values = cast(Scheme, self.scheme.value)
-        conditions = InitialConditions(
-            self.scene, self.model, self.states, values, u, chassis=self.chassis, work=self.work, explain=explain
-        )  # fmt: skip
-        found = conditions.find()
+
+        def find() -> Changes:
+            conditions = InitialConditions(
+                self.scene, self.model, self.states, values, u, chassis=self.chassis, work=self.work, explain=explain
+            )  # fmt: skip
+            found = conditions.find()
+            copy_state(conditions.consistent, self._consistent)
+            copy_state(self.state, self._initial)
+            return found
+
+        found = start_of(self.scene, self.model.spec, values, u, (self._consistent, self._initial), find)
         self._first = None
-        copy_state(conditions.consistent, self._consistent)
-        copy_state(self.state, self._initial)
+        copy_state(self._initial, self.state)
         self._know_slow()
         return found
 

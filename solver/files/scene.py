@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import OrderedDict
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from solver.files.overrides import override
 from solver.files.schema import Builder, Fields
 from solver.files.search_path import config_directories
 from solver.files.vehicle import TEMPLATES, build_vehicle
-from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, parse, read, text_of, where
+from solver.files.yaml_tree import MappingNode, Node, ScalarNode, content_of, include, parse, read, text_of, where
 from solver.inputs.actuation import Actuation
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import signal
@@ -105,7 +106,7 @@ def _scene(root: Node, name: str, overrides: Sequence[str]) -> tuple[Scene, dict
         node.style = "'" if names_file(node) else None
         root.value.insert(0, (ScalarNode(node.tag, 'name', root.start_mark, root.end_mark), node))
         fields = builder.mapping(root, '')
-    model = _model(builder, fields, root)
+    model = _model_known(builder, fields, root)
     given = {'model': model, 'resolved': text_of(root)}
     scene = builder.construct(Scene, fields, root, '', given=given, extra=MODEL_KEYS)
     _require_angles(scene, fields)
@@ -149,6 +150,31 @@ def _seeded(model: ModelSpec, seed: int) -> ModelSpec:
         for grid in model.road.grids
     )
     return dataclasses.replace(model, road=dataclasses.replace(model.road, grids=grids))
+
+
+_models: OrderedDict[tuple, tuple[ModelSpec, dict[str, str]]] = OrderedDict()
+MOST_MODELS = 4  # that a process remembers; ten times as many hold 20 MB, and no sweep changes so many by turns
+
+
+def _model_known(builder: Builder, fields: dict, root: Node) -> ModelSpec:
+    """As _model(): the same object for a scene that says the same of it, so that levels and starts know it again."""
+    used = [(key, fields[key][1]) for key in (*MODEL_KEYS, 'actuation') if key in fields]
+    content = tuple((key, content_of(node)) for key, node in used)
+    if any(one is None for _, one in content):
+        return _model(builder, fields, root)
+    if content in _models:
+        _models.move_to_end(content)
+        model, units = _models[content]
+        builder.units |= units
+        for key in MODEL_KEYS:
+            fields.pop(key, None)
+        return model
+    before = set(builder.units)
+    model = _model(builder, fields, root)
+    _models[content] = model, {key: unit for key, unit in builder.units.items() if key not in before}
+    while len(_models) > MOST_MODELS:
+        _models.popitem(last=False)
+    return model
 
 
 MODEL_KEYS = ('mechanism', 'vehicle', 'trailer', 'road')  # keys of a scene that make its model

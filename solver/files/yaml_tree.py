@@ -371,8 +371,61 @@ def node_of(value: Any, mark: Any) -> Node:
 
 
 def text_of(node: Node) -> str:
-    """YAML text of a node; parse() of it gives the same values again, with every include expanded."""
-    return yaml.serialize(node, width=140, allow_unicode=True)
+    """YAML text of a node; parse() of it gives the same values again, with every include expanded.
+
+    The text of every entry of a mapping is kept for the next one that has it: scenes of a sweep differ in one of them.
+    """
+    if not isinstance(node, MappingNode) or node.flow_style or not node.value or content_of(node) is None:
+        return _serialized(node)
+    pieces = [_text_of_entry(_Entry(node, entry)) for entry in node.value]
+    if any(piece.endswith('...\n') for piece in pieces):  # the end of a document, which none of them is
+        return _serialized(node)
+    return ''.join(pieces)
+
+
+def _serialized(node: Node) -> str:
+    text: str = yaml.serialize(node, width=140, allow_unicode=True)
+    return text
+
+
+class _Entry:
+    """An entry of a block mapping, equal to one that has the same text."""
+
+    def __init__(self, node: MappingNode, entry: tuple[Node, Node]) -> None:
+        self.alone = MappingNode(node.tag, [entry], node.start_mark, node.end_mark, flow_style=node.flow_style)
+        self._content = content_of(self.alone)
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Entry) and self._content == other._content
+
+
+@lru_cache(maxsize=64)
+def _text_of_entry(entry: _Entry) -> str:
+    return _serialized(entry.alone)
+
+
+def content_of(node: Node) -> tuple | None:
+    """Everything that makes the text of a node and its values, to be compared; None where aliases share nodes in it."""
+    seen: set[int] = set()
+
+    def content(node: Node) -> tuple:
+        if id(node) in seen:
+            raise LookupError
+        seen.add(id(node))
+        if isinstance(node, ScalarNode):
+            return node.tag, node.value, node.style
+        if isinstance(node, SequenceNode):
+            return node.tag, node.flow_style, tuple([content(item) for item in node.value])
+        assert isinstance(node, MappingNode)
+        return node.tag, node.flow_style, tuple([(content(key), content(value)) for key, value in node.value])
+
+    try:
+        return content(node)
+    except LookupError:
+        return None
 
 
 def place_of(node: MappingNode, key: str, last: bool) -> int | None:

@@ -29,11 +29,13 @@ from solver.levels.rods import massless_links
 from solver.levels.shafts import reduced_shafts
 from solver.levels.struts import reduced_struts
 from solver.model.spec import ModelSpec
+from solver.remembered import of_same
 from solver.scene import Scene
 
 STIFF = 40.0  # Hz on its mounts, from which on a body that carries no load but its own moves with what it is mounted to
 
 
+@of_same
 def condensed(model: ModelSpec, *, stiff: float = STIFF) -> tuple[ModelSpec, tuple[str, ...]]:
     """(a model with fewer bodies, what it does not show in words). stiff: lowest natural frequency of a body that is
     merged [Hz]."""

@@ -54,6 +54,7 @@ from solver.levels.powered import KINDS, UNMOVED, powered, without_engine
 from solver.levels.reactions import at_wheels, on_carriers, unshown, without_angles, without_kingpins
 from solver.model.frames import matrix, quaternion
 from solver.model.spec import ModelSpec, used_inputs
+from solver.remembered import of_same
 from solver.scene import Scene
 from solver.vehicle.actuation import TORQUE
 from solver.vehicle.hardpoints import SIDES, marker_at
@@ -97,9 +98,7 @@ FREQUENCY = Limit(  # of a passenger car
 def derive(scene: Scene) -> Derived:
     """The level `kc` of a scene. Raises SpecError for a vehicle that is not a car with two axles, or has a part it
     cannot model."""
-    vehicle, more = apart(scene.model)
-    reduction = _reduction(vehicle)
-    model = carrying(reduction.model(), more, scene.model)
+    vehicle, reduction, model = _reduced(scene.model)
     derived = dataclasses.replace(scene, model=model, integrator=with_one_iteration(scene.integrator))
     high = -min(guide.travel[0] for guide in model.guides)
     travel = Limit(quantity='suspension_travel', unit='m', low=-high, high=high, why=MAPS)
@@ -131,8 +130,15 @@ def _lateral(spec: ModelSpec) -> tuple[Limit, ...]:
 
 def kc_model(spec: ModelSpec) -> ModelSpec:
     """The model of the level `kc` of a vehicle. Raises SpecError as derive() does."""
+    return _reduced(spec)[2]
+
+
+@of_same
+def _reduced(spec: ModelSpec) -> tuple[ModelSpec, _Reduction, ModelSpec]:
+    """(the vehicle without what it carries, its reduction, the model of the level)."""
     vehicle, more = apart(spec)
-    return carrying(_reduction(vehicle).model(), more, spec)
+    reduction = _reduction(vehicle)
+    return vehicle, reduction, carrying(reduction.model(), more, spec)
 
 
 def _reduction(spec: ModelSpec) -> _Reduction:

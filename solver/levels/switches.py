@@ -30,6 +30,7 @@ from solver.levels.columns import straight_columns
 from solver.levels.draft import Draft
 from solver.levels.shafts import elastic_drives, without_torsion
 from solver.model.spec import ModelSpec
+from solver.remembered import of_same
 from solver.scene import SUBSYSTEMS
 
 NO_CAMBER = 1e-9  # rad: the range of the fit, where camber has no effect
@@ -38,6 +39,7 @@ STIFFNESSES = ('LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS')
 SHORT = 1e-3  # of the relaxation lengths in the file
 
 
+@of_same
 def switched(model: ModelSpec, switches: Mapping[str, str]) -> tuple[ModelSpec, tuple[Switched, ...]]:
     """(the model without the subsystems that are off, every subsystem: whether it is on, and why)."""
     draft = Draft(model)

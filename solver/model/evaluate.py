@@ -31,10 +31,12 @@ from solver.model.tables import (
     WIDTH,
     Model,
 )
+from solver.remembered import of_same
 
 
+@of_same
 def prepare(spec: ModelSpec) -> Model:
-    """Compile a ModelSpec and the kernels its elements need. Raises SpecError."""
+    """Compile a ModelSpec and the kernels its elements need; its tables are never written again. Raises SpecError."""
     model = compile_model(spec)
     _bind(model)
     return model
