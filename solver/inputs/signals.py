@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -305,13 +306,19 @@ class Table:
 
     def jet(self, t: np.ndarray) -> Jet:
         """Value, rate and acceleration at the times t [s]."""
-        x, y = np.array(self.points).T
+        x, y, slopes = self._nodes
         inside = (t >= x[0]) & (t < x[-1])
         if self.interpolation == 'linear':
             slope = np.append(np.diff(y) / np.diff(x), 0.0)[np.clip(np.searchsorted(x, t, 'right') - 1, 0, len(x) - 1)]
             return Jet(np.interp(t, x, y), np.where(inside, slope, 0.0), np.zeros_like(t))
-        value, rate, acceleration = piecewise_cubic(x, y, clamped_spline_slopes(x, y), np.clip(t, x[0], x[-1]))
+        value, rate, acceleration = piecewise_cubic(x, y, slopes, np.clip(t, x[0], x[-1]))
         return Jet(value, np.where(inside, rate, 0.0), np.where(inside, acceleration, 0.0))
+
+    @cached_property
+    def _nodes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(times, values, slopes of the spline), (n,) each; the slopes of a long table take as long as many steps."""
+        x, y = np.array(self.points).T
+        return x, y, clamped_spline_slopes(x, y) if self.interpolation == 'cubic' else np.zeros_like(y)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,13 +5,14 @@ A car in steady cornering with the yaw rate r at the speed v has the curvature k
 a = v r. The front wheels are at atan(L k) + K a, with the wheelbase L and the understeer gradient K, and the steering
 wheel at the ratio i of that:
 
-    d_H = i L k + i K a + d_0 + T1 k' + T2 a' + T3 k'' + T4 a''
+    d_H = i L k + i K a + d_0 + T1 k' + T2 a' + T3 k'' + T4 a'' + c a dv/dt + b/v
 
 The coefficients are those of least squares over all moments at which the lateral acceleration and the speed hardly
-change. The derivatives take up the delay of the car and of its sensors, which would bias the others; 1/v takes up an
-offset of the yaw rate. With speeds that vary, k and a vary independently, and the drive tells K/L = (i K)/(i L) without
-wheelbase or ratio; with L also i and K. Where both L and i are known, K is that of d_H/i - atan(L k) over a, at a
-constant speed too, as ISO 4138 defines it [ISO4138].
+change. The steering is shifted by the delay of the car and of its sensors, and the derivatives take up what that
+leaves, which would bias the others; a dv/dt takes up how driving and braking change the gradient, 1/v an offset of the
+yaw rate. With speeds that vary, k and a vary independently, and the drive tells K/L = (i K)/(i L) without wheelbase or
+ratio; with L also i and K. Where both L and i are known, K is that of d_H/i - atan(L k) over a, at a constant speed
+too, as ISO 4138 defines it [ISO4138].
 """
 
 from __future__ import annotations
@@ -36,6 +37,11 @@ VARIES = 0.1  # part of the mean speed by which it varies in a drive that tells 
 # which it is told; ten times as much tells not even its sign.
 WIDE = 0.5
 CLEAR = 0.002  # rad s^2/m, 1.1 deg/g: half interval of K that is told in any case, half of what cars have
+# Part by which the steering angle of tight bends differs from that by the ratio of the middle, from which on the
+# steering is taken as curved; ten times as much is a lock.
+CURVED = 0.1
+# Part of K/L by which a curved steering may change it beside its interval; ten times as much is K itself.
+MODEL = 0.1
 NO_WHEELBASE = 'give the wheelbase: --set wheelbase=...'
 WIDE_RATIO = 0.25  # half interval of the ratio, relative to it, up to which it is told; 2.5 allows either sign
 PLACE = 1.0  # m: half interval of the place of a sideslip angle that is told; ten times as much is beyond the car
@@ -53,8 +59,9 @@ class Steering(NamedTuple):
 
 class Handling(NamedTuple):
     """Figures of quasi-steady moments. used: (n,) mask of these. ratio_length: i L [m]; stability: K/L [s^2/m^2]. left,
-    right: K of either side. a, steer: (n,) lateral acceleration [m/s^2] and steering angle less that of the geometry
-    and the offset [rad], to be drawn. seconds: how long they are [s]."""
+    right: K of either side. curved: part by which the steering angle at the curvature `far` [1/m] is larger than by
+    the ratio of the middle [-], where it is. a, steer: (n,) lateral acceleration [m/s^2] and steering angle less that
+    of the geometry and the offset [rad], to be drawn. seconds: how long they are [s]."""
 
     used: np.ndarray
     seconds: float
@@ -68,6 +75,8 @@ class Handling(NamedTuple):
     difference: Estimate
     a: np.ndarray
     steer: np.ndarray
+    curved: Estimate = not_told('the steering is proportional')
+    far: float = 0.0
 
 
 def steering_of(m: Moments, corner: float) -> Steering | None:
@@ -107,16 +116,18 @@ def reason(m: Moments, used: np.ndarray, *, speeds: bool) -> str:
     return ''
 
 
-def handling(m: Moments, high: float, ratio: float, wrong: str) -> Handling:
+def handling(m: Moments, high: float, ratio: float, wrong: str, late: float = 0.0) -> Handling:
     """The figures of steering. ratio: of the steering [-], NaN if not known. wrong: the reason where a sign or a unit
-    forbids figures, '' else."""
+    forbids figures, '' else. late: the delay of the car behind its steering [s], by which the steering is shifted."""
     steering = steering_of(m, CALM)
     assert steering is not None
     used = steady(m, high, *steering.names)
     L, i = m.wheelbase, 1.0 if steering.road else ratio
     path, pushed, changes = _steady_state(m)
-    v, angle, curvature, a = (x[used] for x in (m.smooth('speed', CALM), steering.angle, path, pushed))
-    one, others = np.ones(v.size), [x[used] for x in changes]
+    turned = np.interp(m.s.t - late, m.s.t, steering.angle)
+    v, angle, curvature, a = (x[used] for x in (m.smooth('speed', CALM), turned, path, pushed))
+    # driving and braking change the gradient: the forces of the tires, and the loads of the axles
+    one, others = np.ones(v.size), [*(x[used] for x in changes), a * m.rate(m.smooth('speed', CALM))[used]]
     why = wrong or reason(m, used, speeds=False)
     if not why and not np.ptp(angle) > TURNS and not (L > 0.0 and i > 0.0):
         why = 'the steering never changes'
@@ -131,10 +142,25 @@ def handling(m: Moments, high: float, ratio: float, wrong: str) -> Handling:
     if why:
         return result
     free = Regression(np.column_stack([geometry, a, one, *others]), angle, stretch)
+    far = float(np.quantile(np.abs(geometry), 0.95))
+    bent = [np.abs(geometry), geometry * np.abs(geometry)]  # a ratio of either side, and one that grows with the angle
+    curve = Regression(np.column_stack([geometry, a, one, *others, *bent]), angle, stretch)
+
+    def bend(side: float) -> Estimate:
+        """Part by which the angle of tight bends to one side differs from that by the ratio of the middle."""
+        return not_told(constant) if constant else curve.estimate(lambda c: (side * c[-2] + far * c[-1]) / c[0])
+
+    curved = [one for one in (bend(1.0), bend(-1.0)) if one.outside(-CURVED, CURVED)]
+    if curved:
+        others += bent
+        free = curve
     length = not_told(constant) if constant else _narrow(free.estimate(lambda c: c[0]), 'm', part=WIDE_RATIO)
     stability = not_told(length.why)
     if not length.why:
         stability = _narrow(free.estimate(lambda c: c[1] / c[0]), 's^2/m^2', usual / WIDE)
+        # the same with the steering as curved as the drive has it
+        stability = _either(stability, curve.theta[1] / curve.theta[0], 's^2/m^2')
+        length = _either(length, curve.theta[0], 'm')
     known = L > 0.0 and i > 0.0  # NaN is not
     # with the ratio the geometry of the bend is known; without it, it has a coefficient of its own, the first
     first = [] if known else [geometry]
@@ -146,8 +172,8 @@ def handling(m: Moments, high: float, ratio: float, wrong: str) -> Handling:
     def gradient(fit: Regression, of: Callable[[np.ndarray], float]) -> Estimate:
         if not L > 0.0:
             return not_told(NO_WHEELBASE)
-        if not known and length.why:
-            return not_told(length.why)
+        if not known and stability.why:
+            return not_told(stability.why)
         found = fit.estimate(lambda c: of(c) * (1.0 if known else L / c[0]))
         return _narrow(found, 'rad s^2/m', min(usual / (L * WIDE), 1.0 / CLEAR))
 
@@ -164,7 +190,16 @@ def handling(m: Moments, high: float, ratio: float, wrong: str) -> Handling:
         right=gradient(sides, lambda c: c[k + 1]),
         difference=gradient(sides, lambda c: c[k] - c[k + 1]),
         steer=rest,
+        curved=max(curved, key=lambda one: abs(one.value)) if curved else result.curved,
+        far=far,
     )
+
+
+def _either(found: Estimate, other: float, unit: str) -> Estimate:
+    """The estimate, or that it is another one for a curved steering, beyond its interval and MODEL of it."""
+    if not found.told or abs(other - found.value) <= max(found.half, MODEL * abs(found.value)):
+        return found
+    return not_told(f'it depends on how proportional the steering is: {found.value:.3g} or {other:.3g} {unit}')
 
 
 def _steady_state(m: Moments) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:

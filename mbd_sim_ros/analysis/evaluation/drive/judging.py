@@ -122,7 +122,7 @@ def _steering(
         figures += [_figure(name, text, not_told(lacking), unit) for name, (text, unit) in names.items()]
         figures.append(_figure('yaw_rate_delay', 'delay of the yaw rate behind the steering', not_told(lacking), 's'))
     else:
-        h = handling.handling(m, p.high, ratio, _wrong(guilty, *STEERED))
+        h = handling.handling(m, p.high, ratio, _wrong(guilty, *STEERED), side.delay.value if side.delay.told else 0.0)
         expected = 1.0 if steering.road else ratio
         if h.ratio.outside((1.0 - AGREES) * expected, (1.0 + AGREES) * expected):
             notes.append(
@@ -141,6 +141,11 @@ def _steering(
         figures += [_figure(name, names[name][0], one, names[name][1]) for name, one in values.items()]
         figures.append(_figure('yaw_rate_delay', 'delay of the yaw rate behind the steering', side.delay, 's'))
         unequal = DIFFERS * abs(h.understeer.value)
+        if h.curved.told:
+            notes.append(
+                f'check: the steering is not proportional: for a curvature of {h.far:.3g} 1/m the {steering.text} '
+                f'turns by {100.0 * h.curved.value:.2g} % more than by the ratio of the middle, which is given'
+            )
         if h.difference.outside(-unequal, unequal):
             notes.append('check: the car understeers differently to the left and to the right')
         if np.isfinite(h.steer).any() and h.a.size:

@@ -21,6 +21,7 @@ LEAST_STANDSTILL = 2.0  # s at rest from which on the offset of the yaw rate is 
 AVERAGED = 0.2  # s over which the speed is averaged for that; ten times as much hides a stop
 STEPS = 3  # samples of the same value, from which on a signal is held; ten times as many would miss slow sensors
 LEAST_CHANGES = 20  # of a signal that is looked at; ten times as many are not in a short drive
+LONGEST = 0.5  # s that a sensor keeps its value; what a driver or a command keeps for ten times as long is meant so
 RARE = 0.1  # part of the changes of a held signal that may come sooner; ten times as much is all of them
 CORE = ('speed', 'yaw_rate', 'lateral_acceleration', 'steering', 'road_angle', 'road_angle_left', 'road_angle_right')
 
@@ -102,4 +103,5 @@ def held(s: Signals, name: str) -> float:
     if np.mean(np.diff(groups, append=changes.size) > 2) > RARE:
         return 0.0
     apart = np.diff(changes[groups])
-    return float(np.median(apart)) / s.rate if np.quantile(apart, RARE) >= STEPS else 0.0
+    seconds = float(np.median(apart)) / s.rate
+    return seconds if np.quantile(apart, RARE) >= STEPS and seconds <= LONGEST else 0.0

@@ -33,7 +33,7 @@ FOLLOWS = 0.5  # correlation from which on one signal follows another; ten times
 LEAST_TIME = 5.0  # s of common moments at least; ten times as much is not in a drive of minutes
 FACTOR = 0.15  # of a factor from 1 that a tilt of the body or the slip of a wheel may explain; 1.5 hides a sign
 SHIFT = 0.05  # s of a time shift between sensors that is named; ten times as much is never seen on a bus
-SLIPPING = 0.2  # s, delay of a wheel speed that slip may look like; ten times as much is a stop from walking pace
+SLIPPING = 0.3  # s, delay of a wheel speed that slip may look like; ten times as much is a stop from walking pace
 CAUSE = 0.5  # s, largest delay of a car after its steering, those with a trailer too; ten times as much has no meaning
 OPPOSED = 'the car turns to the other side than it is steered'
 GRIP = 8.0  # 1/rad, cornering stiffness over load of soft tires: the lag of ay behind v r is v/(g GRIP) at most
@@ -82,7 +82,9 @@ class Relation(NamedTuple):
 
     def holds(self, kind: str) -> bool:
         """True where the relation shows that its sensors have no fault of this kind."""
-        return self.factor.told and self.fault is None and kind in self.clears
+        near = self.factor.low > 1.0 - 2.0 * FACTOR and self.factor.high < 1.0 + 2.0 * FACTOR
+        sure = near if kind == 'unit' else self.factor.low > 0.0
+        return self.factor.told and self.fault is None and kind in self.clears and sure
 
 
 def follows(
@@ -167,8 +169,10 @@ def _relation(
     m: Moments, name: str, text: str, y: tuple[str, ...], x: tuple[str, ...], value: np.ndarray, follower: np.ndarray,
     unit: str, *, others: Sequence[np.ndarray] = (), bounds: tuple[float, float] = (-SHIFT, SHIFT), one: bool = True,
     clears: tuple[str, ...] = ('sign', 'unit', 'shift', 'drift'),
+    drifts: bool = True,
 ) -> Relation:  # fmt: skip
-    """One relation, judged. bounds: delays that say nothing [s]. one: True where its factor is 1."""
+    """One relation, judged. bounds: delays that say nothing [s]. one: True where its factor is 1. drifts: True where a
+    delay that changes is that of a clock."""
     sensors = tuple(c for part in (*y, *x) for c in (('x', 'y') if part == 'place' else (part,)))
     used = m.among(*sensors)
     factor, delay, offset, drift = follows(m, value, follower, used, others)
@@ -178,7 +182,7 @@ def _relation(
     elif factor.told and one and factor.outside(1.0 - FACTOR, 1.0 + FACTOR):
         fault = Fault('unit', f'{text}: factor {factor.value:.4g}')
     else:
-        fault = _in_time(text, delay, drift, bounds)
+        fault = _in_time(text, delay, drift if drifts else not_told('slip'), bounds)
     return Relation(name, text, y, x, unit, factor, delay, offset, fault, clears)
 
 
@@ -232,7 +236,8 @@ def _wheels(m: Moments) -> list[Relation]:
             text = f'{_said(name)} over speed'
             found.append(_relation(
                 m, f'{name}_of_speed', text, (name,), ('speed',), v, m.smooth(name), unit, one=kind == 'speed',
-                others=[*others, *turning], bounds=(-SLIPPING, SLIPPING), clears=('sign', 'drift'),
+                others=[*others, *turning], bounds=(-SLIPPING, SLIPPING), clears=('sign',),
+                drifts=False,
             ))  # fmt: skip
         for axle in ('front', 'rear'):
             left, right = names.get(f'{axle}_left'), names.get(f'{axle}_right')
@@ -244,7 +249,7 @@ def _wheels(m: Moments) -> list[Relation]:
             found.append(_relation(
                 m, f'track_{axle}_{kind}', f'{axle} wheel speeds, right less left, over yaw rate', (left, right),
                 ('yaw_rate',), turning[0], speeds[1] - speeds[0], 'm/s', one=False, bounds=(-SLIPPING, SLIPPING),
-                clears=('sign', 'drift'),
+                clears=('sign',), drifts=False,
             ))  # fmt: skip
     return found
 
