@@ -126,7 +126,10 @@ def _drive_scene(args: argparse.Namespace, server: Server) -> Result:
                 pass
         finally:
             server.tell()
-            session.close(_end())
+            try:
+                session.close(_end())
+            finally:
+                server.close()
     if session.failed:
         raise MbdError(session.failed)
     data = {
@@ -172,9 +175,10 @@ def _session(args: argparse.Namespace) -> Session:
     seat = Seat.of(simulation.scene, names)
     simulation.advance(1, inputs=simulation.snapshot().inputs)  # compiles what a step needs
     simulation.reset()
+    title = (scene.title or scene.name) + (f', with {Path(args.vehicle).stem}' if args.vehicle else '')
     hands = Hands(seat, steering_rate=args.steering_rate, return_rate=args.return_rate)
     return Session(
-        simulation, names, hands, title=scene.title or scene.name, out=args.out, recording=not args.no_record,
+        simulation, names, hands, title=title, out=args.out, recording=not args.no_record,
         ghost=ghost, duration=duration, rate=args.rate,
     )  # fmt: skip
 
@@ -201,6 +205,7 @@ def _drive_node(args: argparse.Namespace, server: Server) -> Result:
                     pass
             finally:
                 ended = _end()
+                server.close()
                 desk.close()
     finally:
         rclpy.try_shutdown()

@@ -22,7 +22,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from mbd_sim_ros.drive.frame import Head, filled_page, page_data, picture
+from mbd_sim_ros.drive.frame import Around, Head, filled_page, page_data, picture
 from mbd_sim_ros.drive.hands import LOCK, NOTHING, Hands, Held, Seat, in_force
 from mbd_sim_ros.node.commands import PLAIN, commanded
 from mbd_sim_ros.node.companion import NoSimulator
@@ -97,6 +97,7 @@ class Attached(Node):
             self.look = str(error)
         lock = LOCK if self.hands is None else self.hands.seat.lock
         self._drawing, self._page = page_data(scene, f'{self._simulator}: {scene.title or scene.name}', lock)
+        self._around, self._place = Around(spec.road), (0.0, 0.0)
         self._links = [link_of(spec, body) for body in self._drawing.bodies]
         self._wheels = [wheel.name for wheel in self._drawing.wheels]
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -142,6 +143,10 @@ class Attached(Node):
             'notice': self._notice or self.look,
         }
 
+    def ground(self) -> str:
+        """The road around, for pages."""
+        return self._around.at(*self._place)
+
     # -- on the main thread -------------------------------------------------------------------------------------------
 
     def spin(self, seconds: float) -> bool:
@@ -181,6 +186,8 @@ class Attached(Node):
             t=t, number=self._number, gas=pedals.get('gas', 0.0), brake=pedals.get('brake', 0.0),
             hand=pedals.get('hand', 0.0), paused=float(self._paused),
         )  # fmt: skip
+        x, y = self._pose[f'{prefix}base_link'][:2].tolist()
+        self._place = (x, y)
         self.show(picture(head, np.array([self._pose[link] for link in links]), contact, force))
 
     def _pressing(self, wheel: str) -> Any:

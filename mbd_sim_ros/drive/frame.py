@@ -9,6 +9,8 @@ SI units. ax and ay are the specific forces of the chassis, as imu has them.
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -19,10 +21,13 @@ from mbd_sim_ros.analysis.view.drawing import Drawing, drawing_of
 from mbd_sim_ros.analysis.view.ground import Ground
 from mbd_sim_ros.analysis.view.motion import RecordedMotion, rotated
 from mbd_sim_ros.analysis.view.page import PICTURE, described, run_of
+from solver.elements.road import RoadSpec
 from solver.scene import Scene
 
 HEAD = ('t', 'number', 'paused', 'speed', 'ax', 'ay', 'yaw_rate', 'steering', 'gas', 'brake', 'hand', 'gear')
 SIZE = 2.6  # m of half the height of a picture: a car fills it
+MOVED = 4.0  # m after which the road around is told anew
+NEAR, FAR = 17, 26  # nodes to every side: a little more than the 12 and 25 that the page draws
 LANE = 5.0  # m between the edges that are drawn of a course
 
 
@@ -71,6 +76,30 @@ def page_data(
         'course': course_of(getattr(scene.maneuver.driver, 'path', None)),
         'lock': lock,
     }
+
+
+class Around:
+    """The road around a place, for pages: heights at whole metres near it, and at whole tens of metres further away."""
+
+    def __init__(self, road: RoadSpec) -> None:
+        self._ground = Ground(road)
+        self._where = (math.nan, math.nan)
+        self._text = ''
+
+    def at(self, x: float, y: float) -> str:
+        """The road around x, y [m] as JSON; '' where it is a plane. The same object until the place is another one."""
+        if self._ground.flat or math.hypot(x - self._where[0], y - self._where[1]) < MOVED:
+            return self._text
+        self._where = (x, y)
+        squares = []
+        for apart, reach in ((1, NEAR), (10, FAR)):
+            steps = apart * np.arange(-reach, reach + 1)
+            i, j = apart * round(x / apart) + steps, apart * round(y / apart) + steps
+            X, Y = np.meshgrid(i.astype(float), j.astype(float), indexing='ij')
+            z = np.round(self._ground.at(X, Y), 3).ravel().tolist()
+            squares.append({'x': int(i[0]), 'y': int(j[0]), 'apart': apart, 'z': z})
+        self._text = json.dumps({'ground': squares})
+        return self._text
 
 
 def filled_page(data: dict[str, Any]) -> str:

@@ -44,12 +44,14 @@ POLICY = (
 
 
 class Desk(Protocol):
-    """Whatever is driven and looked at. hold(None): nobody is at the wheel."""
+    """Whatever is driven and looked at. hold(None): nobody is at the wheel. ground: the road around as JSON, the same
+    object as before where nothing has changed; '' for a plane."""
 
     def page(self) -> str: ...
     def hold(self, held: Held | None) -> None: ...
     def act(self, action: str, value: int) -> None: ...
     def status(self) -> dict[str, Any]: ...
+    def ground(self) -> str: ...
 
 
 class _Page:
@@ -60,6 +62,7 @@ class _Page:
         self.wake = asyncio.Event()
         self.sent = self.dropped = 0
         self.owed: deque[int] = deque()
+        self.ground = ''
         self.news = True
 
 
@@ -225,6 +228,10 @@ class Server:
                 if page.news:
                     page.news = False
                     await page.connection.send(json.dumps(self._account(page)))
+                ground = self.desk.ground()
+                if ground is not page.ground:
+                    page.ground = ground
+                    await page.connection.send(ground)
                 number, picture = self._picture
                 if number > page.sent and len(page.owed) < WINDOW:
                     missed = number - page.sent - 1 if page.sent else 0

@@ -17,7 +17,7 @@ from typing import Any
 from mbd_sim_ros.analysis.view.motion import RecordedMotion
 from mbd_sim_ros.bags.recorder import new_directory
 from mbd_sim_ros.batch import record
-from mbd_sim_ros.drive.frame import Head, filled_page, page_data, picture
+from mbd_sim_ros.drive.frame import Around, Head, filled_page, page_data, picture
 from mbd_sim_ros.drive.hands import NOTHING, Hands, Held, in_force
 from mbd_sim_ros.messages.encode import require_finite
 from mbd_sim_ros.node.driving import Driving
@@ -72,6 +72,10 @@ class Session:
         self._out, self._records = out, recording
         self._begun = False  # somebody has started to drive
         self._drawing, self._page = page_data(simulation.scene, title, hands.seat.lock, ghost)
+        self._around, self._place = (
+            Around(simulation.scene.model.road),
+            (0.0, 0.0),
+        )  # the road, and where the car is [m]
         channels = simulation.channels
         self._order = [channels.bodies.index(name) for name in self._drawing.bodies]
         self.latch = Latch(simulation, Pace(rate_factor=rate), names)
@@ -81,7 +85,11 @@ class Session:
         self._at_once = max(0, round(AT_ONCE * rate / simulation.h) - 1)
         self._record_every = simulation.scene.record.every if recording else 0
         self._moved, self._number, self._speed = simulation.k, 0, 0.0  # of the hands; of the keys in force; m/s
-        self._judged, self._kept = 0.0, 1.0  # when it was asked how real time is kept, and the answer
+        self._judged, self._judged_run, self._kept = (
+            0.0,
+            0,
+            1.0,
+        )  # when and in which run it was asked how real time is kept
         self._written = -1  # step that was recorded last
         self._writing: Any = None
         self._begin_recording()
@@ -127,8 +135,9 @@ class Session:
         """Account of how it goes, for pages."""
         now = time.monotonic()
         if now - self._judged > JUDGED:
-            self._judged = now
-            self._kept = self.loop.health().rate / self.latch.pace.rate_factor
+            rate = self.loop.health().rate / self.latch.pace.rate_factor
+            self._kept = rate if self.run == self._judged_run else 1.0  # a reset takes time, and none passes
+            self._judged, self._judged_run = now, self.run
         return {
             'rate': 1.0 if self.loop.paused else self._kept,
             'paused': self.loop.paused,
@@ -138,6 +147,10 @@ class Session:
             'recording': str(self.runs[-1]) if self.runs and not self.failed else '',
             'notice': self.loop.outcome if self.loop.done.is_set() else self.failed,
         }
+
+    def ground(self) -> str:
+        """The road around, for pages."""
+        return self._around.at(*self._place)
 
     # -- on the thread of the simulation ------------------------------------------------------------------------------
 
@@ -193,6 +206,8 @@ class Session:
             gear=inputs.get('gear', float(self.hands.gear)),
         )  # fmt: skip
         tire = snapshot.tire
+        x, y = snapshot.pose[self.simulation.channels.chassis, :2].tolist()
+        self._place = (x, y)
         self.show(picture(head, snapshot.pose[self._order], tire[:, CONTACT], tire[:, FORCE : FORCE + 3]))
 
     def _begin_recording(self) -> None:

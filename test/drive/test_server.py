@@ -29,6 +29,7 @@ class Stub:
     def __init__(self) -> None:
         self.held: list[Held | None] = []
         self.acts: list[tuple[str, int]] = []
+        self.road = ''
 
     def page(self) -> str:
         return '<!doctype html>the page'
@@ -41,6 +42,9 @@ class Stub:
 
     def status(self) -> dict[str, Any]:
         return {'rate': 1.0}
+
+    def ground(self) -> str:
+        return self.road
 
 
 @pytest.fixture
@@ -224,6 +228,26 @@ def test_a_page_that_takes_no_pictures_gets_the_newest_when_it_does_and_others_g
     assert struct.unpack('<d', taken[-1][8:]) == (99.0,)
     numbers = [int.from_bytes(one[:8], 'little') for one in taken]
     assert numbers == sorted(set(numbers))
+
+
+def test_the_road_around_is_told_once_and_again_when_it_is_another_one(server: Server, desk: Stub) -> None:
+    heard: list[str] = []
+
+    def hears(road: str) -> None:
+        while road not in heard:
+            said = one.recv(timeout=5.0)
+            heard.extend([said] if isinstance(said, str) else [])
+
+    with page(server) as one:
+        told(one, pages=1)
+        for road in ('{"ground": 1}', '{"ground": 2}'):
+            desk.road = road
+            server.show(b'x')
+            hears(road)
+            for _ in range(3):
+                server.tell()
+                heard.append(json.dumps(told(one, pages=1)))
+    assert [said for said in heard if 'ground' in said] == ['{"ground": 1}', '{"ground": 2}']
 
 
 def test_showing_waits_for_no_page(server: Server) -> None:

@@ -3,6 +3,8 @@ again."""
 
 from __future__ import annotations
 
+import json
+import math
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -11,11 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mbd_sim_ros.analysis.view.ground import Ground
 from mbd_sim_ros.analysis.view.motion import read_motion
 from mbd_sim_ros.bags import reader
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.drive import hands as of_hands
-from mbd_sim_ros.drive.frame import HEAD, Head, course_of
+from mbd_sim_ros.drive.frame import HEAD, Around, Head, course_of
 from mbd_sim_ros.drive.hands import DRIVE, LET_GO, Hands, Held, Seat
 from mbd_sim_ros.drive.session import Session
 from solver import load_scene, simulation_of
@@ -202,6 +205,28 @@ def test_a_recording_that_fails_is_told_and_the_drive_goes_on(tmp_path: Path) ->
     assert heads[-1].t > 0.95
     recorder.error = None
     recorder.close()
+
+
+def test_the_road_around_is_that_of_the_solver_and_a_plane_needs_none() -> None:
+    height = [[0.25 - 0.25 * math.cos(math.tau * k / 40.0)] * 2 for k in range(41)]
+    grid = f'{{kind: height_grid, origin: [2, -50], step: [1, 100], height: {height}}}'
+    road = f'{{point: [0, 0, 3], normal: [-0.1, 0.05, 1], grids: [{grid}]}}'
+    spec = load_scene('light_car_straight', [f'road={road}']).model.road
+    around = Around(spec)
+    text = around.at(20.3, -1.6)
+    squares = json.loads(text)['ground']
+    assert [(one['x'], one['y'], one['apart'], len(one['z'])) for one in squares] == [
+        (3, -19, 1, 35**2), (-240, -260, 10, 53**2),
+    ]  # fmt: skip
+    for one in squares:
+        side = math.isqrt(len(one['z']))
+        k = np.arange(side**2)
+        x, y = one['x'] + one['apart'] * (k // side), one['y'] + one['apart'] * (k % side)
+        np.testing.assert_allclose(one['z'], Ground(spec).at(x.astype(float), y.astype(float)), atol=6e-4)
+    assert max(squares[0]['z']) > 3.0 + 0.1 * 20.0 + 0.3  # on the hill
+    assert around.at(22.0, -1.6) is text  # near enough
+    assert around.at(25.0, -1.6) is not text
+    assert Around(scene().model.road).at(20.3, -1.6) == ''
 
 
 def test_the_lane_of_a_course_lies_to_both_sides_of_it() -> None:
