@@ -279,11 +279,6 @@ def kinds_of(model: ModelSpec) -> dict[str, str]:
     return {element.name: kind.name for kind in FORCES if not kind.wheels for element in getattr(model, kind.name)}
 
 
-def _determined(values: np.ndarray) -> np.ndarray:
-    """Values of which NaN says that they are not determined."""
-    return np.where(np.isnan(values), 0.0, values)
-
-
 def finite_rows(rows: np.ndarray, channels: Channels) -> int:
     """Number of rows (n, m) of snapshots before the first that require_finite() refuses."""
     with np.errstate(over='ignore', invalid='ignore'):
@@ -304,18 +299,19 @@ def require_finite(snapshot: Snapshot, channels: Channels) -> None:
     joint may be NaN: next to a singular position the motion does not determine them (solver.output.undetermined).
     """
     numbers = snapshot.numbers
-    if math.isfinite(np.vdot(numbers, numbers)):  # NaN and inf survive a sum of squares: the cheapest test of all
+    # NaN and inf survive a sum of squares: the cheapest test of all
+    if math.isfinite(np.vdot(numbers, numbers)) or snapshot.is_finite:
         return
     named: tuple[tuple[str, np.ndarray, tuple[str, ...]], ...] = (
         ('pose of body', snapshot.pose, channels.bodies),
         ('velocity of body', snapshot.twist, channels.bodies),
         ('position of joint', snapshot.joint_position, channels.joints),
         ('velocity of joint', snapshot.joint_velocity, channels.joints),
-        ('effort of joint', _determined(snapshot.joint_effort), channels.joints),
+        ('effort of joint', snapshot.joint_effort, channels.joints),
         ('state of tire', snapshot.tire, channels.wheels),
         ('input', snapshot.inputs, channels.inputs),
         ('output', snapshot.elements, channels.elements),
-        ('reaction', _determined(snapshot.reactions), channels.reactions),
+        ('reaction', snapshot.reactions, channels.reactions),
         ('acceleration of body', snapshot.acceleration, channels.moving),
     )
     for what, values, names in named:

@@ -80,6 +80,8 @@ class OutputArrays(NamedTuple):
     acceleration: np.ndarray
 
 
+# fields that may be NaN, where the motion does not determine them (solver.output.undetermined)
+UNDETERMINED = ('joint_effort', 'reactions')
 Layout = dict[str, tuple[slice, tuple[int, ...]]]  # of every field of OutputArrays: where in the numbers, and its shape
 
 
@@ -127,6 +129,16 @@ class Snapshot(NamedTuple):
     numbers: np.ndarray  # (n,) all of them: copied as one, and cut into fields only where one is asked for
     layout: Layout
     counters: Counters
+
+    @property
+    def is_finite(self) -> bool:
+        """True where every number is finite, but for reactions and efforts that the motion does not determine (NaN)."""
+        if np.isfinite(self.numbers).all():
+            return True
+        open_ = np.zeros(self.numbers.size, bool)
+        for name in UNDETERMINED:
+            open_[self.layout[name][0]] = True
+        return bool(np.isfinite(self.numbers[~(open_ & np.isnan(self.numbers))]).all())
 
     def _field(self, name: str) -> np.ndarray:
         place, shape = self.layout[name]

@@ -18,6 +18,7 @@ from mbd_sim_ros.lab.mechanisms.change_points import linkages
 from mbd_sim_ros.lab.mechanisms.families import drawn
 from mbd_sim_ros.messages.encode import require_finite
 from solver import simulation_of
+from solver.analysis.error_bar import Twin
 from solver.analysis.reactions import joint_reaction, undetermined
 from solver.errors import StepError
 from solver.files.scene import load_scene, load_scene_text
@@ -175,3 +176,14 @@ def test_recordings_say_what_is_not_determined_and_compare_the_rest(tmp_path):
         == np.isnan([made['one'][name] for name in made['one'].names if name.startswith('reactions/')]).sum()
     )
     json.dumps(data, allow_nan=False)
+
+
+def test_a_twin_whose_reactions_are_marked_measures_the_error_of_its_run():
+    """The double step, of which one instant that is compared is within the passage."""
+    run = simulation(*PASSAGE, 'record.every=1')
+    twin = Twin(run, run.scene.steps)
+    while run.k < run.scene.steps:
+        twin.note(run.advance(1))
+    assert twin.made().twin == 'double step'
+    again = run.twin(0.8, h=2.0 * H)
+    assert any(np.isnan(again.advance(1).reactions).any() for _ in range(84))
