@@ -152,7 +152,9 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path, told: _Told, beg
             data['notes'].append(
                 f'the same command goes on where this plan ended: its runs are kept in {location() / RUNS}'
             )
-        if data['status'] == OK and not interrupts.received() and not search.allowance.late():
+        found = search.result
+        fits = found is not None and search.allowance.fits(search.running(found.setting))
+        if data['status'] == OK and not interrupts.received() and fits:
             _time(scene, data)
             data['price'] |= plain(price_of(search, search.result.setting if search.result else None))  # with that time
         data['out'] = str(out)

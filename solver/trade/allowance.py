@@ -54,21 +54,28 @@ class Allowance:
     @property
     def spent(self) -> float:
         """Share of the whole that is gone."""
-        return max(self._of_time, self.cpu / (self.times * self.full_run))
+        return self._with(0.0)
 
-    @property
-    def _of_time(self) -> float:
-        return self.took / self.longest if self.longest else math.inf
+    def _with(self, ahead: float) -> float:
+        """Share of the whole that is gone when another `ahead` seconds are taken."""
+        return max(self._of_time(ahead), (self.cpu + ahead) / (self.times * self.full_run))
 
-    def late(self) -> bool:
-        """True when no more runs may be made."""
-        return self.ended() or self.spent > self.until
+    def _of_time(self, ahead: float = 0.0) -> float:
+        return (self.took + ahead) / self.longest if self.longest else math.inf
+
+    def late(self, ahead: float = 0.0) -> bool:
+        """True when no more runs may be made, or nothing that takes another `ahead` seconds."""
+        return self.ended() or self._with(ahead) > self.until
+
+    def fits(self, ahead: float) -> bool:
+        """True where another `ahead` seconds do not pass the whole."""
+        return not self.ended() and self._with(ahead) <= 1.0
 
     def why_ended(self) -> str:
         """The reason why no more runs are made, in words."""
         if self.ended():
             return f'the plan was interrupted after {self.took:.0f} s'
-        if self._of_time >= self.cpu / (self.times * self.full_run):
+        if self._of_time() >= self.cpu / (self.times * self.full_run):
             return f'the time was up after {self.took:.0f} s (mbd plan --time)'
         return (
             f'it has taken {self.cpu / self.full_run:.1f} times the CPU time of the full run (mbd plan --time '

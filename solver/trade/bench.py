@@ -28,7 +28,7 @@ from solver.trade.errors import Error, Requirement, by_origin, without
 from solver.trade.kept_runs import NOWHERE, KeptRuns
 from solver.trade.ledger import Ledger
 from solver.trade.reference import Reference
-from solver.trade.runs import Going, Run, run
+from solver.trade.runs import Going, Run, Stopped, run
 from solver.trade.setting import ITERATIONS, Setting
 from solver.trade.variations import AS_GIVEN, Variation, varied
 
@@ -48,7 +48,8 @@ class Bench:
     serve to choose. apart: settings of the full vehicle, coarse one first, that serve as reference on other maneuvers
     than that of the scene, as they are or extrapolated (solver.trade.elsewhere); none: the two finest steps do. falls:
     what of the band of the reference counts as its error: bands fall with the steps, and that of the finest limit is
-    the next one. stop(): says that runs shall end, by Stopped. kept: whole runs on disk. ledger: what was spent. made:
+    the next one. stop(ahead): says that runs shall end, by Stopped, or that nothing shall begin that takes `ahead`
+    seconds. kept: whole runs on disk. ledger: what was spent. made:
     the memory; locks: one for each entry, so that threads wait for what another one makes.
     """
 
@@ -59,7 +60,7 @@ class Bench:
     seen: tuple[Variation, ...] = (AS_GIVEN,)
     apart: tuple[Setting, ...] = ()
     falls: float = 1.0
-    stop: Callable[[], bool] | None = None
+    stop: Callable[..., bool] | None = None
     kept: KeptRuns = NOWHERE
     ledger: Ledger = field(default_factory=Ledger)
     made: dict[Key, Any] = field(default_factory=dict)
@@ -100,9 +101,12 @@ def derived(bench: Bench, setting: Setting) -> Derived:
 
 def simulation(bench: Bench, v: Variation, setting: Setting) -> Simulation:
     """The simulation of a setting at its start, which is sought once for a model and a maneuver: it does not depend on
-    step, iterations and damping. Raises MbdError."""
+    step, iterations and damping. Raises MbdError, and Stopped where the time for a start is not left."""
 
     def make() -> Simulation:
+        ahead = bench.made.get(('start time', setting.model), bench.made.get(('start time', FULL.model), 0.0))
+        if bench.stop is not None and bench.stop(ahead):
+            raise Stopped
         begin = time.thread_time()
         with bench.ledger.timed(starts=1):
             found = simulation_of(Setting(level=setting.level, off=setting.off).of(scene_of(bench, v)))

@@ -56,7 +56,10 @@ def origins_of(scene: Scene, stop: Callable[[], bool] | None = None) -> dict[str
         tolerance=given.tolerance,
     )
     bench = Bench(
-        scene=scene, names=tuple(_named(scene)), steps=tuple(round(given.h_ns / n) * 1e-9 for n in PARTS), stop=stop
+        scene=scene,
+        names=tuple(_named(scene)),
+        steps=tuple(round(given.h_ns / n) * 1e-9 for n in PARTS),
+        stop=None if stop is None else lambda ahead=0.0: stop(),
     )
     errors, truth = errors_of(bench, AS_GIVEN, setting), truth_of(bench, AS_GIVEN)
     found = {}

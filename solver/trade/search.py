@@ -26,6 +26,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+import os
 import time
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from contextlib import suppress
@@ -71,7 +72,9 @@ from solver.trade.variations import AS_GIVEN, CORNERS, Variation, effective, ins
 
 CHECK_SHARE = 0.45  # of that which is kept for checking
 CHEAPER_SHARE = 0.2  # the same while subsystems are switched off
-END_SHARE = 0.05  # the same for what comes after the checks: the speed of what was found
+END_SHARE = 0.05  # the same for what comes after the checks beside runs of what was found: tables, pages
+# Two runs of what was found, as mbd run makes them; the recorded one takes up to half as much again
+RUNS = 2.5
 LEAST_CHECK_SHARE = 0.15  # the same as long as no setting has been found
 UNSEEN = 24  # maneuvers to check on: fewer than 12 % fail
 MORE_UNSEEN = 59  # where they cost little: fewer than 5 % fail
@@ -139,6 +142,7 @@ class Search:
         self.ledger = Ledger()
         self.allowance = Allowance(longest, times, startup, ended, lambda: self.ledger.once)
         self.workers, self._progress, self._answer = workers, progress, answer
+        self.at_once = workers or os.cpu_count() or 1  # starts may be sought at the same time
         self.unseen, self.most_unseen = unseen or UNSEEN, unseen or MORE_UNSEEN
         self.candidate_levels = ('full', *levels)
         channels = published(scene.model)
@@ -157,7 +161,7 @@ class Search:
         }
         self.bench = Bench(
             self.scene, everything, self.step_sets()[0], required, self.different((AS_GIVEN, *CORNERS)),
-            stop=self.allowance.late,
+            stop=lambda ahead=0.0: self.allowance.late(ahead * self.at_once),
             kept=self.kept, ledger=self.ledger, made=made,
         )  # fmt: skip
         self.notes: list[str] = []
@@ -193,6 +197,20 @@ class Search:
         """CPU time [s] by which a run of a setting is cheaper than the full run, with its start."""
         steps = self.scene.duration * cost_of(self.bench, setting, known(self.bench, AS_GIVEN, setting))
         return self.allowance.full_run - self.allowance.startup - start_time_of(self.bench, setting) - steps
+
+    def timing(self, setting: Setting) -> float:
+        """CPU time [s] of costs()."""
+        each = cost_of(self.bench, setting) + cost_of(self.bench, baseline(self.scene))
+        return TIMED_ROUNDS * min(TIMED, self.scene.duration) * each
+
+    def running(self, setting: Setting) -> float:
+        """CPU time [s] of two runs of a setting, one of them recorded, that a plan makes at its end."""
+        return RUNS * (self.allowance.full_run - self.allowance.startup - self.saves(setting))
+
+    def closing(self, setting: Setting) -> float:
+        """Share of the whole that costs() and the last two runs of a setting take."""
+        whole = self.allowance.times * self.allowance.full_run
+        return min(CHECK_SHARE, (self.timing(setting) + self.running(setting)) / whole)
 
     def tell(self, answer: Answer | None) -> None:
         """A first answer, told when it is known."""
@@ -535,7 +553,8 @@ class Search:
                 f'the search was ended: {self.allowance.why_ended()}; what it had found by then is what counts'
             )
         while best is not None:
-            self.allowance.until = 1.0 - END_SHARE  # cheapest() leaves it shorter whenever it finds something
+            # cheapest() leaves it shorter whenever it finds something
+            self.allowance.until = 1.0 - END_SHARE - self.closing(best.setting)
             self.checks = self.check_unseen(best.setting)
             bad = [c for c in self.checks if not c.passed]
             failed = [c.variation for c in bad]
@@ -569,11 +588,13 @@ class Search:
         self.say('measuring costs', ledger.PRICES)
         both = setting, baseline(self.scene)
         try:
-            if not self.allowance.late():
+            if self.allowance.fits(self.timing(setting)):
                 with self.ledger.timed():
                     make = partial(simulation, self.bench, AS_GIVEN)
                     of, full = cost.compared(self.scene, both, seconds=TIMED, rounds=TIMED_ROUNDS, make=make)
                 return of, full
+        except Stopped:
+            pass
         except MbdError as error:
             self.notes.append(f'costs are those of a step times the number of steps, for a run to time fails: {error}')
         of, full = (cost.Cost(each, each) for each in (cost_of(self.bench, one) for one in both))

@@ -25,6 +25,7 @@ from solver.trade.errors import Requirement
 from solver.trade.first import EARLIER
 from solver.trade.judging import Check
 from solver.trade.ledger import Spent
+from solver.trade.runs import Stopped
 from solver.trade.search import Search, falls
 from solver.trade.setting import Setting
 from solver.trade.variations import AS_GIVEN, CORNERS, inside, varied
@@ -133,6 +134,34 @@ def test_ten_full_runs_end_a_plan_and_time_does(monkeypatch: pytest.MonkeyPatch)
     assert found.late() and 'the time was up after 101 s (mbd plan --time)' in found.why_ended()
     found.ended = lambda: True
     assert 'interrupted' in found.why_ended()
+
+
+def test_what_does_not_fit_into_ten_full_runs_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 30 s 27 are gone: 2.9 s more fit, 3.1 do not, and of what is kept back nothing is begun."""
+    found, at = clocked(monkeypatch, longest=100.0, times=10.0)
+    found.full_run = 3.0
+    at(1.0, 27.0)
+    assert found.fits(2.9) and not found.fits(3.1)
+    found.until = 0.95
+    assert not found.late(1.4) and found.late(1.6)
+    at(97.0, 1.0)
+    assert found.fits(2.9) and not found.fits(3.1)
+    found.ended = lambda: True
+    assert not found.fits(0.0)
+
+
+def test_a_start_for_which_no_time_is_left_is_not_sought() -> None:
+    asked: list[float] = []
+
+    def stop(ahead: float) -> bool:
+        asked.append(ahead)
+        return ahead > 0.1
+
+    scene = solver.load_scene('car_step_steer')
+    bench = Bench(scene, ('yaw_rate',), (0.004, 0.002, 0.001), stop=stop, made={('start time', FULL.model): 0.2})
+    with pytest.raises(Stopped):
+        simulation(bench, AS_GIVEN, FULL)
+    assert asked == [0.2]
 
 
 def test_a_plan_ends_at_ten_full_runs_and_says_what_it_knows(priced: list[str]) -> None:
