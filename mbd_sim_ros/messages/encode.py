@@ -300,7 +300,7 @@ def require_finite(snapshot: Snapshot, channels: Channels) -> None:
     """
     numbers = snapshot.numbers
     # NaN and inf survive a sum of squares: the cheapest test of all
-    if math.isfinite(np.vdot(numbers, numbers)) or snapshot.is_finite:
+    if math.isfinite(np.vdot(numbers, numbers)) or snapshot.is_finite():
         return
     named: tuple[tuple[str, np.ndarray, tuple[str, ...]], ...] = (
         ('pose of body', snapshot.pose, channels.bodies),

@@ -218,7 +218,7 @@ class Twin:
                 n = min(last - twin.k, most())
                 snapshot = twin.advance(n, audit=ratio < 1.0 and self._contradicted)
                 yield n
-            if not snapshot.is_finite:
+            if not snapshot.is_finite():
                 raise MbdError(f't = {twin.t_ns * 1e-9:g} s: the motion is no longer finite')
             self._others.append(snapshot.numbers)
         taken, others = (float(one.totals()['substeps']) / one.k for one in (s, twin))

@@ -130,7 +130,6 @@ class Snapshot(NamedTuple):
     layout: Layout
     counters: Counters
 
-    @property
     def is_finite(self) -> bool:
         """True where every number is finite, but for reactions and efforts that the motion does not determine (NaN)."""
         if np.isfinite(self.numbers).all():

@@ -108,3 +108,54 @@ def test_a_recording_without_known_channels_has_its_own_names(tmp_path: Path, ca
         and lines[-1] == 'the recordings differ: joint_states/crank/position 2 % of their peaks at 1001 instants'
     )
     assert apart.OTHERS >= 1
+
+
+def moving(place: Path, **imu: np.ndarray) -> Path:
+    """A car without steering: its yaw rate and lateral acceleration are what the arguments say."""
+    loads = {f'tire/{a}_{b}/force': (T, {'fz': 3000.0 + WAVE}) for a in ('front', 'rear') for b in ('left', 'right')}
+    return write_scalars(place, {'imu': (T, {'ax': 5.0 * WAVE, **imu}), **loads})
+
+
+def test_percentages_of_next_to_nothing_are_of_the_least_that_counts(tmp_path: Path, capsys) -> None:
+    """A car that drives straight ahead: rounding that differs by its own size is no 200 %, and 2e-3 m/s^2 of lateral
+    acceleration are 2 % of 0.1 m/s^2 whatever their peak is. Above that the peak counts."""
+    reference = moving(tmp_path / 'reference', wz=1e-14 * WAVE, ay=1e-3 * WAVE)
+    run = moving(tmp_path / 'run', wz=-1e-14 * WAVE, ay=3e-3 * WAVE)
+    _, lines = compared(capsys, run, reference)
+    found = {line.split('  ')[0]: line for line in lines}
+    lateral = found['lateral acceleration']
+    assert ' 2 % ' in lateral and 'of 0.1 m/s^2; its peak is 0.001' in lateral
+    assert lines[-1].startswith('the recordings differ: lateral acceleration 2 %')
+    assert float(found['yaw rate'].split(' % ')[0].split()[-1]) < 1e-9
+    larger = moving(tmp_path / 'larger', wz=1e-14 * WAVE, ay=2.2 * WAVE)
+    _, lines = compared(capsys, larger, moving(tmp_path / 'large', wz=1e-14 * WAVE, ay=2.0 * WAVE))
+    assert 'lateral acceleration 10 %' in lines[-1]
+
+
+def test_what_is_small_beside_its_like_is_held_to_that(tmp_path: Path, capsys) -> None:
+    """Forces of one topic: 1e-9 N beside 100 N are not 50 % off; angles of joints are each for themselves."""
+
+    def elements(place: Path, small: float, angle: float) -> Path:
+        states = {'large/force': 100.0 * WAVE, 'small/force': small * 1e-9 * WAVE}
+        joints = {'wheel': 400.0 * WAVE, 'rocker': angle * 1e-2 * WAVE}
+        return write_scalars(place, {'element_states': (T, states), 'joint_states': (T, joints)})
+
+    _, lines = compared(capsys, elements(tmp_path / 'a', 1.5, 1.1), elements(tmp_path / 'b', 1.0, 1.0))
+    assert lines[-1].startswith('the recordings differ: joint_states/rocker/position 10 %')
+    assert not any(line.startswith('element_states/small/force') and '50 %' in line for line in lines)
+
+
+@pytest.mark.parametrize('scale', [1.0, 1e-4, 1e4])
+def test_a_motion_that_is_rounding_beside_its_accelerations_has_no_percentage(
+    tmp_path: Path, capsys, scale: float
+) -> None:
+    """A mechanism of any size: a pivot that moves by rounding, a rod that swings."""
+
+    def swinging(place: Path, pivot: float, swing: float) -> Path:
+        pose = {'x': pivot * 1e-11 * scale * WAVE, 'y': swing * scale * WAVE}
+        return write_scalars(place, {'imu': (T, {'ax': 39.0 * scale * WAVE}), 'odom/pose': (T, pose)})
+
+    _, lines = compared(capsys, swinging(tmp_path / 'a', 3.0, 1.02), swinging(tmp_path / 'b', 1.0, 1.0))
+    x = next(line for line in lines if line.startswith('position x'))
+    assert x.split()[2] == '-' and x.endswith('rounding')
+    assert 'position y 2 %' in lines[-1] and 'position x' not in lines[-1]
