@@ -78,10 +78,10 @@ setup(
         NAME: ['py.typed'],
         f'{NAME}.native': ['*.c', '*.h', '*.inc'],
         f'{NAME}.messages': ['schemas/*/*.msg'],
-        f'{NAME}.analysis': ['report.html', 'page.css', 'page.js'],
-        f'{NAME}.analysis.view': ['view.html', 'scene.js', 'three.min.js', 'three.LICENSE'],
+        f'{NAME}.analysis': ['page.html', 'page.css', 'page.js', 'base.js'],
+        f'{NAME}.analysis.third_party.uplot': ['*.js', '*.css', 'LICENSE'],  # draws the curves of pages, MIT
+        f'{NAME}.analysis.view': ['view.js', 'scene.js', 'three.min.js', 'three.LICENSE'],
         f'{NAME}.drive': ['drive.html'],
-        f'{NAME}.analysis.evaluation': ['page.html'],
     },
     data_files=data_files(),
     zip_safe=False,

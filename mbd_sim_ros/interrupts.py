@@ -52,6 +52,7 @@ WAITS = ('subprocess', 'selectors', 'mbd_sim_ros.lab', 'mbd_sim_ros.commands')
 
 event = threading.Event()  # set by the first signal
 doing = ''  # activity in the sentence, see now()
+command = ''  # of this process, as it was typed, for what it writes
 _say: Callable[[str], None] | None = None  # prints the sentence, see install()
 _code: int | None = None  # exit code, see install()
 _number = 0  # number of the first signal, 0 before it

@@ -1,4 +1,4 @@
-"""A comparison as one HTML file that needs nothing else: curves to zoom into
+"""Page of a comparison: figures of all channels, curves of those that differ most
 (docs/decisions/0011-report-of-comparisons.md)."""
 
 from __future__ import annotations
@@ -7,49 +7,67 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mbd_sim_ros.analysis import pages
 from mbd_sim_ros.analysis.comparison import Comparison
 from mbd_sim_ros.analysis.difference import Curves, Difference
-from mbd_sim_ros.analysis.pages import fill, floats, thinned
+from mbd_sim_ros.analysis.pages import Block, Page, thinned
 
 SHOWN = 24  # curves of the channels that differ most
-POINTS = 3000  # about so many of a curve; the extremes of every stretch are among them
 COLUMNS = (
     'channel', 'verdict', 'unit', 'largest difference', 'at [s]', 'RMS', 'scale', 'largest / scale', 'RMS / scale',
     'rating', 'corridor', 'phase', 'magnitude', 'slope', 'shift [s]',
     'peak of run', 'peak of reference', 'peak later by [s]', 'in band', 'time in both',
 )  # fmt: skip
 LEGEND = (
-    'The worst relative to its tolerance comes first. Scale: largest value of the reference. Rating and its parts '
-    'after ISO/TS 18571, 1 is best. Shift: how much later the run comes, by the largest correlation. In band: part of '
-    'the time at which the run is inside the 95 % confidence band of the mean of the repeats.'
+    'The worst relative to its tolerance comes first; a click on one of the first rows leads to its curves. Scale: '
+    'largest value of the reference. Rating and its parts after ISO/TS 18571, 1 is best. Shift: how much later the run '
+    'comes, by the largest correlation. In band: part of the time at which the run is inside the 95 % confidence band '
+    'of the mean of the repeats.'
 )
+LATE = 1e4  # s: stamps from here on are counted from the first; a float of 32 bits holds no time of day
 
 
 def write_report(
-    comparison: Comparison, file: Path, *, names: Sequence[str], about: Sequence[str], verdict: tuple[bool, str]
+    comparison: Comparison,
+    file: Path,
+    *,
+    names: Sequence[str],
+    about: Sequence[str],
+    verdict: tuple[bool, str],
+    facts: Sequence[tuple[str, str]] = (),
 ) -> None:
     """Write the report. names: of the run and its references. about: lines for its head. verdict: whether all is well,
-    and a sentence.
+    and a sentence. facts: what the recordings are of.
 
     Raises BagError when the file cannot be written.
     """
-    repeats = len(names) > 2
-    reference = 'mean of repeats' if repeats else names[1]
-    keys = [[names[0], 'run'], [reference, 'reference']]
-    keys += [['95 % confidence band of the mean', 'band'], ['repeats', 'repeat']] if repeats else []
+    shown = comparison.differences[:SHOWN]
     rows = [_row(d) for d in comparison.differences]
     filled = [k for k, name in enumerate(COLUMNS) if name == 'verdict' or any(row[k] is not None for row in rows)]
-    data = {
-        'title': f'{names[0]} compared with {", ".join(names[1:])}',
-        'verdict': {'ok': verdict[0], 'text': verdict[1]},
-        'about': list(about),
-        'legend': LEGEND,
-        'keys': [*keys, ['difference', 'other']],
-        'columns': [COLUMNS[k] for k in filled],
-        'rows': [[row[k] for k in filled] for row in rows],
-        'charts': [_chart(d, comparison.curves(d.channel)) for d in comparison.differences[:SHOWN]],
-    }
-    fill(file, 'mbd_sim_ros.analysis:report.html', data)
+    reference = 'mean of repeats' if len(names) > 2 else names[1]
+    points = pages.points_for(len(shown) * (len(names) + 2))
+    drawn = [
+        one for d in shown for one in _charts(d, comparison.curves(d.channel), points, names[0], reference, names[2:])
+    ]
+    Page(
+        title=f'{names[0]} compared with {", ".join(names[1:])}',
+        verdict=verdict[1],
+        ok=verdict[0],
+        about=about,
+        facts=facts,
+        blocks=[
+            pages.heading('Channels'),
+            pages.table(
+                [[COLUMNS[k] for k in filled], *([row[k] for k in filled] for row in rows)],
+                bad=[k for k, row in enumerate(rows) if row[1]],
+                goes=[d.channel for d in shown],
+            ),
+            pages.text(LEGEND, soft=True),
+            pages.heading('Curves'),
+            pages.text('Drag to zoom, double click for everything, shift and wheel to zoom at the pointer.', soft=True),
+            pages.charts(drawn),
+        ],
+    ).write(file)
 
 
 def _row(d: Difference) -> list[Any]:
@@ -64,21 +82,32 @@ def _row(d: Difference) -> list[Any]:
     return [d.channel, reasons, d.unit, *figures, None if d.band is None else d.band.inside, d.overlap]
 
 
-def _chart(d: Difference, curves: Curves) -> dict[str, Any]:
-    keep = thinned(POINTS, curves.run, curves.reference, curves.difference)
-    origin = float(curves.time[0])
-    text = f'largest difference {d.max:.4g} at {d.time:.6g} s, RMS {d.rms:.4g}'
-    text += f', rating {d.rating.overall:.3f}' if d.rating is not None else ''
-    return {
-        'name': d.channel,
-        'label': d.channel.rpartition('/')[2],
-        'unit': d.unit,
-        'text': text + (f'; {"; ".join(d.reasons)}' if d.reasons else ''),
-        'origin': 0.0 if abs(origin) < 1e4 else origin,  # a float of 32 bits holds no time of day
-        'time': floats((curves.time - (0.0 if abs(origin) < 1e4 else origin))[keep]),
-        'run': floats(curves.run[keep]),
-        'reference': floats(curves.reference[keep]),
-        'difference': floats(curves.difference[keep]),
-        'half': None if curves.half is None else floats(curves.half[keep]),
-        'repeats': [floats(r[keep]) for r in curves.repeats],
-    }
+def _charts(
+    d: Difference, curves: Curves, points: int, run: str, reference: str, repeats: Sequence[str]
+) -> tuple[Block, Block]:
+    """Curves of a channel, and their difference, over one time."""
+    keep = thinned(points, curves.run, curves.reference, curves.difference)
+    origin = float(curves.time[0]) if abs(curves.time[0]) >= LATE else 0.0
+    time = (curves.time - origin)[keep]
+    note = f'largest difference {d.max:.4g} at {d.time:.6g} s, RMS {d.rms:.4g}'
+    note += f', rating {d.rating.overall:.3f}' if d.rating is not None else ''
+    note += f'; {"; ".join(d.reasons)}' if d.reasons else ''
+    unit = f' [{d.unit}]' if d.unit not in ('', '1') else ''
+    of, difference = [], []
+    if curves.half is not None:
+        low, high = (curves.reference - curves.half)[keep], (curves.reference + curves.half)[keep]
+        of.append(pages.curve('95 % confidence band of the mean', time, low, high=high, style='band'))
+        difference.append(pages.curve('', time, -curves.half[keep], high=curves.half[keep], style='band'))
+    of += [
+        pages.curve('repeats' if k == 0 else '', time, r[keep], style='repeat', group='repeats')
+        for k, r in enumerate(curves.repeats)
+    ]
+    of.append(pages.curve(reference, time, curves.reference[keep], style='reference', width=2.0))
+    of.append(pages.curve(run, time, curves.run[keep], style='run', dash=1))
+    difference.append(pages.curve('', time, curves.difference[keep], style='other'))
+    more: dict[str, Any] = {'linked': 'time', 'origin': origin}
+    label = d.channel.rpartition('/')[2]
+    return (
+        pages.chart(d.channel, 'time [s]', f'{label}{unit}', of, note=note, key=d.channel, **more),
+        pages.chart(f'{d.channel}: difference', 'time [s]', f'difference{unit}', difference, zero=True, **more),
+    )

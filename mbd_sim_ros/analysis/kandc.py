@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from mbd_sim_ros.analysis.pages import write_text
+from mbd_sim_ros.analysis import pages
+from mbd_sim_ros.analysis.evaluation.figures import DEG
+from mbd_sim_ros.analysis.pages import Page, write_text
 from solver.analysis.figures import is_vehicle
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig, kinematic_figures
 from solver.analysis.modes import AXLES
+from solver.analysis.typical_values import TEXTS
 from solver.errors import MbdError, SpecError
 from solver.scene import Scene
 from solver.vehicle.hardpoints import SIDES
@@ -38,6 +41,17 @@ QUANTITIES = {  # quantity of a corner -> (SI unit, text)
     'contact_y': ('m', 'contact patch, to the left'),
     'center_x': ('m', 'wheel centre, forward'),
     'center_y': ('m', 'wheel centre, to the left'),
+}
+
+
+PEOPLE = {'rad': ('deg', DEG), 'm': ('mm', 1e3), 'N m/rad': ('N m/deg', 1.0 / DEG), 'N/m': ('N/mm', 1e-3)}
+DRAWN = {  # sweep -> quantities of corners that are drawn; all are in its table
+    'bump': ('toe', 'camber', 'load', 'contact_y', 'center_x'),
+    'roll': ('toe', 'camber', 'steer', 'load', 'contact_y'),
+    'steering': ('steer', 'camber', 'load', 'contact_x'),
+    'fx': ('steer', 'center_x', 'toe'),
+    'fy': ('steer', 'camber', 'contact_y'),
+    'mz': ('steer', 'toe'),
 }
 
 
@@ -172,3 +186,50 @@ def write_tables(bench: Bench, directory: Path) -> list[Path]:
         files.append(directory / f'{sweep.name}.csv')
         write_text(files[-1], text.getvalue())
     return files
+
+
+def figure_rows(bench: Bench) -> list[tuple[str, str]]:
+    """The figures at the design position for people, a head first."""
+    rows = [('figure at the design position', 'value')]
+    for name, value in bench.figures.items():
+        if name in TEXTS:
+            text, unit, factor = TEXTS[name]
+            rows.append((text, f'{value * factor:.4g} {unit}'.rstrip()))
+    return rows
+
+
+def write_page(bench: Bench, file: Path, title: str, facts: Sequence[tuple[str, str]]) -> None:
+    """The page of a bench: a chart for each quantity of each sweep, with a curve for each wheel or axle. Raises
+    BagError."""
+    blocks = [pages.table(figure_rows(bench))]
+    blocks.append(pages.text('Toe-in is positive, camber with the top inwards negative, steer to the left positive.'))
+    for sweep in bench.sweeps:
+        blocks.append(pages.heading(sweep.title))
+        if sweep.notes:
+            blocks.append(pages.text(*(f'Note: {note}' for note in sweep.notes)))
+        x_label, fx = _people(sweep.label, sweep.unit)
+        drawn = []
+        for name in DRAWN[sweep.name.partition('_')[0]]:
+            unit, text = QUANTITIES[name]
+            y_label, fy = _people(name.replace('_', ' '), unit)
+            curves = [
+                pages.curve(c.replace('_', ' '), fx * sweep.x, fy * found[name], colour=k)
+                for k, (c, found) in enumerate(sweep.corners.items())
+            ]
+            drawn.append(pages.chart(text, x_label, y_label, curves, linked=sweep.name))
+        for name in dict.fromkeys(name for of in sweep.axles.values() for name in of):
+            unit, text, _ = next(of[name] for of in sweep.axles.values() if name in of)
+            y_label, fy = _people(text, unit)
+            curves = [
+                pages.curve(axle, fx * sweep.x, fy * of[name][2], colour=2 * k)
+                for k, (axle, of) in enumerate(sweep.axles.items())
+                if name in of
+            ]
+            drawn.append(pages.chart(text, x_label, y_label, curves, linked=sweep.name))
+        blocks.append(pages.charts(drawn))
+    Page(title=title, facts=facts, blocks=blocks).write(file)
+
+
+def _people(label: str, unit: str) -> tuple[str, float]:
+    shown, factor = PEOPLE.get(unit, (unit, 1.0))
+    return f'{label} [{shown}]', factor

@@ -1,76 +1,385 @@
-'use strict';
-const data = JSON.parse(document.getElementById('data').textContent);
-// apart for colour-blind eyes too (Okabe and Ito)
-const colour = { run: '#d55e00', reference: '#0072b2', third: '#009e73', other: '#767676', limit: '#444444', points: '#0072b2', cloud: 'rgba(213,94,0,0.45)', band: 'rgba(0,114,178,0.20)', repeat: 'rgba(0,114,178,0.45)' };
-const make = (tag, text, parent, cls) => {
-  const e = document.createElement(tag);
-  if (text !== undefined && text !== null) e.textContent = text;
-  if (cls) e.className = cls;
-  if (parent) parent.appendChild(e);
-  return e;
+document.documentElement.dataset.theme = matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light';
+const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const save = (name, type, text) => {
+  const link = make('a'), url = URL.createObjectURL(new Blob([text], { type }));
+  link.href = url; link.download = name; link.click();
+  setTimeout(() => URL.revokeObjectURL(url), 1000);
 };
-const floats = text => {
-  if (text === null || text === undefined) return null;
-  const raw = atob(text), bytes = new Uint8Array(raw.length);
-  for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
-  return new Float32Array(bytes.buffer);
+const fileName = text => text.replace(/[^\w.-]+/g, '_').slice(0, 80) || 'picture';
+
+const STYLES = { run: ['--c0'], reference: ['--c1'], third: ['--c2'], other: ['--other', 1.2], limit: ['--ink', 1.4, [6, 4]], points: ['--c1'], cloud: ['--c0'], band: ['--band'], repeat: ['--c1', 0.7] };
+const LINES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
+const colourOf = c => css(c.colour === undefined || c.colour === null ? (STYLES[c.style] || STYLES.run)[0] : c.style === 'limit' ? '--ink' : '--c' + c.colour % 8);
+const widthOf = c => c.width || (STYLES[c.style] || [0, 1.6])[1] || 1.6;
+const dashOf = c => c.dash !== undefined && c.dash !== null ? LINES[c.dash % 4] : (STYLES[c.style] || [])[2] || [];
+const isDots = c => c.style === 'points' || c.style === 'cloud' || Boolean(c.points);
+const charts = [];
+
+class Chart {
+  constructor(item, parent) {
+    this.item = item;
+    let x = null;  // curves over the same x have it once
+    this.curves = item.curves.map(c => { x = floats(c.x) || x; return { ...c, x, y: floats(c.y), high: floats(c.high), shown: c.shown !== false }; });
+    this.figure = make('figure', null, parent);
+    const caption = make('figcaption', null, this.figure);
+    make('b', item.title, caption);
+    if (item.note) make('span', item.note, caption, 'soft');
+    const tools = make('span', null, caption, 'tools'), tool = (text, title, act) => { const b = make('button', text, tools); b.title = title; b.onclick = act; };
+    tool('+', 'closer', () => this.zoom(0.5)); tool('\u2212', 'farther', () => this.zoom(2)); tool('all', 'everything (double click)', () => show(this, null));
+    tool('SVG', 'save as SVG', () => save(fileName(item.title) + '.svg', 'image/svg+xml', svgOf(this.picture())));
+    tool('PDF', 'save as PDF', () => save(fileName(item.title) + '.pdf', 'application/pdf', pdfOf(this.picture())));
+    const named = this.curves.filter(c => c.name);
+    if (named.length > 1) {
+      const keys = make('div', null, this.figure, 'keys');
+      for (const c of named) {
+        const label = make('label', null, keys), box = make('input', null, label), line = make('i', null, label);
+        box.type = 'checkbox'; box.checked = c.shown;
+        box.onchange = () => { for (const o of this.curves) if (o === c || (o.name === '' && o.group === c.group && c.style === o.style)) o.shown = box.checked; this.range(); this.redraw(); };
+        c.line = line;
+        make('span', c.name, label);
+      }
+    }
+    this.plot = make('div', null, this.figure, 'plot');
+    this.plot.setAttribute('role', 'img');
+    this.plot.setAttribute('aria-label', item.title + ': ' + item.y + ' over ' + item.x);
+    this.read = make('div', '', this.figure, 'read');
+    this.x = null; this.mark = null;
+    new IntersectionObserver((entries, o) => { if (entries.some(e => e.isIntersecting)) { o.disconnect(); this.build(); } }, { rootMargin: '300px' }).observe(this.plot);
+    new ResizeObserver(() => { if (this.u && Math.abs(this.plot.clientWidth - this.u.width) > 1) this.build(); }).observe(this.plot);
+  }
+  height() { return this.item.equal ? Math.max(260, Math.min(0.7 * this.plot.clientWidth, 560)) : this.item.tall ? 330 : 250; }
+  // limits of both axes: of x those asked for, or of all curves; of y those of what is seen
+  range() {
+    let [a, b] = this.x || [Infinity, -Infinity], low = Infinity, high = -Infinity;
+    const shown = this.curves.filter(c => c.shown);
+    if (!this.x) for (const c of shown) for (const v of c.x) if (isFinite(v)) { if (v < a) a = v; if (v > b) b = v; }
+    if (!(a <= b)) [a, b] = [0, 1];
+    if (b - a <= 1e-9 * Math.max(Math.abs(a), Math.abs(b), 1e-12)) { a -= 0.5; b += 0.5; }
+    for (const c of shown) for (const of of [c.y, c.high]) if (of) for (let i = 0; i < of.length; i++) {
+      const v = of[i];
+      if (isFinite(v) && c.x[i] >= a && c.x[i] <= b) { if (v < low) low = v; if (v > high) high = v; }
+    }
+    if (this.item.zero) { low = Math.min(low, 0); high = Math.max(high, 0); }
+    if (!(low <= high)) [low, high] = [-1, 1];
+    if (high - low <= 1e-6 * Math.max(Math.abs(low), Math.abs(high), 1e-12)) { const d = Math.max(0.01 * Math.abs(low), 1e-6); low -= d; high += d; }
+    const pad = 0.06 * (high - low);
+    this.box = [a, b, low - pad, high + pad];
+    if (this.y) [this.box[2], this.box[3]] = this.y;
+    if (!this.x && this.curves.some(isDots)) { this.box[0] -= 0.04 * (b - a); this.box[1] += 0.04 * (b - a); }
+  }
+  equalised(w, h) {
+    const b = this.box.slice();
+    if (!this.item.equal) return b;
+    const sx = (b[1] - b[0]) / w, sy = (b[3] - b[2]) / h, s = Math.max(sx, sy);
+    const grow = (k, size) => { const m = 0.5 * (b[k] + b[k + 1]); b[k] = m - 0.5 * s * size; b[k + 1] = m + 0.5 * s * size; };
+    grow(0, w); grow(2, h);
+    return b;
+  }
+  build() {
+    if (!this.plot.clientWidth) return;
+    if (this.u) this.u.destroy();
+    this.range();
+    const ink = css('--ink'), faint = css('--line'), W = this.plot.clientWidth, H = this.height();
+    for (const c of this.curves) if (c.line) {
+      c.line.style.borderTopColor = colourOf(c);
+      c.line.style.borderTopStyle = dashOf(c).length ? (dashOf(c)[0] < 4 ? 'dotted' : 'dashed') : 'solid';
+      if (c.style === 'band') c.line.style.borderTopWidth = '10px';
+    }
+    const limits = u => this.equalised(Math.max(u.bbox.width, 10) / devicePixelRatio, Math.max(u.bbox.height, 10) / devicePixelRatio);
+    const axis = (label, size) => ({ stroke: ink, grid: { stroke: faint, width: 1 }, ticks: { stroke: faint, width: 1 }, label, labelSize: 20, labelFont: '12px system-ui, sans-serif', font: '11.5px system-ui, sans-serif', size,
+      splits: (u, i, low, high, step) => ticks(low, high, (i ? u.bbox.height / 34 : u.bbox.width / 84) / devicePixelRatio).values,
+      values: (u, at, i) => { const t = ticks(i ? u.scales.y.min : u.scales.x.min, i ? u.scales.y.max : u.scales.x.max, (i ? u.bbox.height / 34 : u.bbox.width / 84) / devicePixelRatio); return t.texts; } });
+    this.u = new uPlot({
+      mode: 2, width: W, height: H, legend: { show: false }, padding: [8, 10, 0, 0],
+      scales: { x: { time: false, auto: false, range: u => limits(u).slice(0, 2) }, y: { time: false, auto: false, range: u => limits(u).slice(2) } },
+      axes: [axis(this.item.x, 34), axis(this.item.y, 60)],
+      cursor: { points: { show: false }, dataIdx: () => null, drag: { x: true, y: true, uni: 24, setScale: false }, bind: { dblclick: () => () => show(this, null) } },
+      series: [null, ...this.curves.map(c => ({ facets: [{ scale: 'x', auto: false }, { scale: 'y', auto: false }], points: { show: false }, show: true,
+        stroke: () => colourOf(c), fill: () => colourOf(c), width: c.style === 'band' ? 0 : widthOf(c), dash: dashOf(c), paths: u => this.path(u, c) }))],
+      hooks: {
+        setCursor: [u => this.tell(u)],
+        setSelect: [u => { const s = u.select; u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+          if (s.width > 5 || s.height > 5) {
+            if (s.height > 5 && s.height < u.over.clientHeight - 1) this.y = [u.posToVal(s.top + s.height, 'y'), u.posToVal(s.top, 'y')];
+            show(this, s.width > 5 && s.width < u.over.clientWidth - 1 ? [u.posToVal(s.left, 'x'), u.posToVal(s.left + s.width, 'x')] : this.x);
+          } else if (this.item.seeks) document.dispatchEvent(new CustomEvent('seek', { detail: u.posToVal(s.left, 'x') })); }],
+        draw: [u => { if (this.mark === null) return; const g = u.ctx, x = Math.round(u.valToPos(this.mark, 'x', true)); g.save(); g.strokeStyle = css('--c0'); g.lineWidth = devicePixelRatio; g.beginPath(); g.moveTo(x, u.bbox.top); g.lineTo(x, u.bbox.top + u.bbox.height); g.stroke(); g.restore(); }],
+      },
+    }, [null, ...this.curves.map(c => [c.x, c.y])], this.plot);
+    this.u.over.addEventListener('wheel', event => { if (!event.ctrlKey && !event.shiftKey) return; event.preventDefault();
+      this.zoom(Math.exp(Math.sign(event.deltaY || event.deltaX) * 0.25), this.u.posToVal(event.offsetX, 'x')); }, { passive: false });
+    this.redraw();
+  }
+  path(u, c) {
+    const none = { stroke: null, fill: null, flags: 0 };
+    if (!c.shown) return none;
+    const { min: a, max: b } = u.scales.x, { min: lo, max: hi } = u.scales.y, m = u.bbox;
+    const X = v => m.left + (v - a) / (b - a) * m.width, Y = v => m.top + m.height - (v - lo) / (hi - lo) * m.height, path = new Path2D();
+    if (isDots(c)) {
+      const r = (c.points || (c.style === 'cloud' ? 1.3 : 3.5)) * devicePixelRatio;
+      for (let i = 0; i < c.x.length; i++) if (isFinite(c.y[i])) { path.moveTo(X(c.x[i]) + r, Y(c.y[i])); path.arc(X(c.x[i]), Y(c.y[i]), r, 0, 7); }
+      return { stroke: null, fill: path, flags: 0 };
+    }
+    if (c.high) {
+      for (let i = 0; i < c.x.length; i++) path.lineTo(X(c.x[i]), Y(c.high[i]));
+      for (let i = c.x.length - 1; i >= 0; i--) path.lineTo(X(c.x[i]), Y(c.y[i]));
+      return { stroke: null, fill: path, flags: 0 };
+    }
+    let pen = false;
+    for (let i = 0; i < c.x.length; i++) {
+      if (!isFinite(c.x[i]) || !isFinite(c.y[i])) { pen = false; continue; }
+      if (pen) path.lineTo(X(c.x[i]), Y(c.y[i])); else path.moveTo(X(c.x[i]), Y(c.y[i]));
+      pen = true;
+    }
+    return { stroke: path, fill: null, flags: 0 };
+  }
+  redraw() {
+    if (!this.u) return;
+    this.range();
+    const u = this.u, b = this.equalised(u.bbox.width / devicePixelRatio, u.bbox.height / devicePixelRatio);
+    u.batch(() => { u.setScale('x', { min: b[0], max: b[1] }); u.setScale('y', { min: b[2], max: b[3] }); });
+    u.redraw(true, true);
+  }
+  zoom(factor, about) {
+    if (!this.u) return;
+    const { min, max } = this.u.scales.x, at = about === undefined ? 0.5 * (min + max) : about;
+    if (this.item.equal) { const s = this.u.scales.y, m = 0.5 * (s.min + s.max); this.y = [m + (s.min - m) * factor, m + (s.max - m) * factor]; }
+    show(this, [at + (min - at) * factor, at + (max - at) * factor]);
+  }
+  // the values at the pointer: of curves over a rising x those next to it, of others those of the nearest point
+  tell(u) {
+    if (u.cursor.left < 0) { this.read.textContent = ''; return; }
+    const x = u.posToVal(u.cursor.left, 'x'), y = u.posToVal(u.cursor.top, 'y'), parts = [];
+    for (const c of this.curves) {
+      if (!c.shown || c.high || !c.x.length || c.style === 'limit') continue;
+      if (c.rising === undefined) c.rising = c.x.every((v, i) => !i || v >= c.x[i - 1]);
+      let k = 0;
+      if (c.rising) {
+        let high = c.x.length - 1;
+        while (k < high) { const m = (k + high) >> 1; if (c.x[m] < x) k = m + 1; else high = m; }
+        if (k > 0 && x - c.x[k - 1] < c.x[k] - x) k--;
+        parts.push((c.name ? c.name + ' ' : '') + short(c.y[k], 5));
+      } else {
+        let best = Infinity;
+        const sx = u.scales.x.max - u.scales.x.min, sy = u.scales.y.max - u.scales.y.min;
+        for (let i = 0; i < c.x.length; i++) { const d = ((c.x[i] - x) / sx) ** 2 + ((c.y[i] - y) / sy) ** 2; if (d < best) { best = d; k = i; } }
+        parts.push((c.name ? c.name + ' ' : '') + '(' + short(c.x[k], 5) + ', ' + short(c.y[k], 5) + ')');
+      }
+    }
+    this.read.textContent = this.item.x.replace(/ \[.*/, '') + ' ' + short(x + (this.item.origin || 0), 7) + '   ' + parts.slice(0, 8).join('   ');
+  }
+  // all that is seen, as lines and texts of a picture of 720 to 360 points
+  picture() {
+    const w = 720, legend = this.curves.filter(c => c.shown && c.name).length > 1, h = this.item.equal ? 540 : 360;
+    const m = { left: 66, right: w - 14, top: 26 + (legend ? 18 : 0), bottom: h - 42 }, out = [];
+    this.range();
+    const [a, b, lo, hi] = this.equalised(m.right - m.left, m.bottom - m.top), clip = { x: m.left, y: m.top, w: m.right - m.left, h: m.bottom - m.top };
+    const X = v => m.left + (v - a) / (b - a) * clip.w, Y = v => m.bottom - (v - lo) / (hi - lo) * clip.h, x = ticks(a, b, clip.w / 80), y = ticks(lo, hi, clip.h / 34);
+    for (const v of x.values) out.push({ line: [[X(v), m.top], [X(v), m.bottom]], colour: '#e4e6ea', width: 0.6 });
+    for (const v of y.values) out.push({ line: [[m.left, Y(v)], [m.right, Y(v)]], colour: '#e4e6ea', width: 0.6 });
+    const light = c => { const theme = document.documentElement.dataset.theme; document.documentElement.dataset.theme = 'light'; const found = c(); document.documentElement.dataset.theme = theme; return found; };
+    for (const c of this.curves) {
+      if (!c.shown) continue;
+      const colour = c.style === 'band' ? '#cfe2f0' : light(() => colourOf(c));
+      const runs = [[]];
+      for (let i = 0; i < c.x.length; i++) if (isFinite(c.x[i]) && isFinite(c.y[i])) runs[runs.length - 1].push([X(c.x[i]), Y(c.y[i])]); else if (runs[runs.length - 1].length) runs.push([]);
+      if (c.high) out.push({ area: [...Array.from(c.x, (v, i) => [X(v), Y(c.high[i])]), ...Array.from(c.x, (v, i) => [X(v), Y(c.y[i])]).reverse()], colour, clip });
+      else if (isDots(c)) for (const [px, py] of runs.flat()) { if (px >= m.left - 1 && px <= m.right + 1 && py >= m.top - 1 && py <= m.bottom + 1) out.push({ dot: [px, py], colour, r: c.points || (c.style === 'cloud' ? 1.2 : 3) }); }
+      else for (const line of runs) if (line.length > 1) out.push({ line, colour, width: widthOf(c), dash: dashOf(c), clip });
+    }
+    out.push({ line: [[m.left, m.top], [m.right, m.top], [m.right, m.bottom], [m.left, m.bottom], [m.left, m.top]], colour: '#7d8794', width: 0.8 });
+    x.values.forEach((v, i) => out.push({ text: x.texts[i], at: [X(v), m.bottom + 14], anchor: 'middle', size: 10 }));
+    y.values.forEach((v, i) => out.push({ text: y.texts[i], at: [m.left - 5, Y(v) + 3.5], anchor: 'end', size: 10 }));
+    out.push({ text: this.item.x, at: [0.5 * (m.left + m.right), h - 10], anchor: 'middle', size: 11 });
+    out.push({ text: this.item.y, at: [14, 0.5 * (m.top + m.bottom)], anchor: 'middle', size: 11, turned: true });
+    out.push({ text: this.item.title, at: [m.left, 17], anchor: 'start', size: 12, bold: true });
+    if (legend) {
+      let at = m.left;
+      for (const c of this.curves) if (c.shown && c.name && at < m.right - 60) {
+        out.push({ line: [[at, 32], [at + 22, 32]], colour: light(() => colourOf(c)), width: 2, dash: dashOf(c) });
+        out.push({ text: c.name, at: [at + 26, 35.5], anchor: 'start', size: 10 });
+        at += 40 + 5.2 * c.name.length;
+      }
+    }
+    return { w, h, parts: out };
+  }
+}
+
+const escaped = text => text.replace(/[&<>"]/g, c => ({ '&': '&amp;', '<': '&lt;', '>': '&gt;', '"': '&quot;' })[c]);
+const two = v => String(Math.round(100 * v) / 100);
+function svgOf({ w, h, parts }) {
+  const clips = [], lines = [], at = points => points.map(p => two(p[0]) + ',' + two(p[1])).join(' ');
+  for (const p of parts) {
+    let clip = '';
+    if (p.clip) { if (!clips.length) clips.push(`<clipPath id="c"><rect x="${p.clip.x}" y="${p.clip.y}" width="${p.clip.w}" height="${p.clip.h}"/></clipPath>`); clip = ' clip-path="url(#c)"'; }
+    if (p.line) lines.push(`<polyline points="${at(p.line)}" fill="none" stroke="${p.colour}" stroke-width="${p.width}"${p.dash && p.dash.length ? ` stroke-dasharray="${p.dash.join(' ')}"` : ''}${clip}/>`);
+    else if (p.area) lines.push(`<polygon points="${at(p.area)}" fill="${p.colour}"${clip}/>`);
+    else if (p.dot) lines.push(`<circle cx="${two(p.dot[0])}" cy="${two(p.dot[1])}" r="${p.r}" fill="${p.colour}"/>`);
+    else lines.push(`<text x="${two(p.at[0])}" y="${two(p.at[1])}" font-size="${p.size}" text-anchor="${p.anchor}"${p.bold ? ' font-weight="bold"' : ''}${p.turned ? ` transform="rotate(-90 ${two(p.at[0])} ${two(p.at[1])})"` : ''}>${escaped(p.text)}</text>`);
+  }
+  return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${w} ${h}" width="${w}" height="${h}" font-family="Helvetica, Arial, sans-serif"><defs>${clips.join('')}</defs><rect width="${w}" height="${h}" fill="#fff"/>${lines.join('\n')}</svg>\n`;
+}
+// widths of Helvetica, in thousandths of its size: what texts are centred by
+const WIDE = { ' ': 278, '.': 278, ',': 278, ':': 278, '-': 333, '(': 333, ')': 333, '[': 278, ']': 278, '/': 278, i: 222, l: 222, j: 222, t: 278, f: 278, r: 333, m: 833, w: 722, I: 278 };
+function pdfOf({ w, h, parts }) {
+  const paint = [], rgb = c => { const d = document.createElement('canvas').getContext('2d'); d.fillStyle = c; const s = d.fillStyle, v = k => two(parseInt(s.slice(k, k + 2), 16) / 255); return `${v(1)} ${v(3)} ${v(5)}`; };
+  const y = v => two(h - v), path = points => points.map((p, i) => `${two(p[0])} ${y(p[1])} ${i ? 'l' : 'm'}`).join(' ');
+  const text = t => '(' + Array.from(t, c => { const code = { '\u2212': 45, '\u00b1': 177, '\u00b0': 176, '\u00b7': 183, '\u00b2': 178, '\u00b3': 179 }[c] || c.charCodeAt(0); return code > 255 || code < 32 ? '?' : code > 126 || '()\\'.includes(c) ? '\\' + code.toString(8).padStart(3, '0') : c; }).join('') + ')';
+  for (const p of parts) {
+    paint.push('q');
+    if (p.clip) paint.push(`${p.clip.x} ${two(h - p.clip.y - p.clip.h)} ${p.clip.w} ${p.clip.h} re W n`);
+    if (p.line) paint.push(`${rgb(p.colour)} RG ${p.width} w [${(p.dash || []).join(' ')}] 0 d ${path(p.line)} S`);
+    else if (p.area) paint.push(`${rgb(p.colour)} rg ${path(p.area)} f`);
+    else if (p.dot) { const [cx, cy] = p.dot, k = 0.5523 * p.r, q = (a, b) => `${two(cx + a)} ${y(cy + b)}`;
+      paint.push(`${rgb(p.colour)} rg ${q(p.r, 0)} m ${q(p.r, k)} ${q(k, p.r)} ${q(0, p.r)} c ${q(-k, p.r)} ${q(-p.r, k)} ${q(-p.r, 0)} c ${q(-p.r, -k)} ${q(-k, -p.r)} ${q(0, -p.r)} c ${q(k, -p.r)} ${q(p.r, -k)} ${q(p.r, 0)} c f`); }
+    else {
+      const width = p.size * Array.from(p.text).reduce((s, c) => s + (WIDE[c] || 556), 0) / 1000, back = p.anchor === 'middle' ? 0.5 * width : p.anchor === 'end' ? width : 0;
+      const [tx, ty] = p.at, place = p.turned ? `0 1 -1 0 ${two(tx)} ${two(h - ty - back)}` : `1 0 0 1 ${two(tx - back)} ${y(ty)}`;
+      paint.push(`BT 0.11 0.14 0.19 rg /${p.bold ? 'B' : 'F'} ${p.size} Tf ${place} Tm ${text(p.text)} Tj ET`);
+    }
+    paint.push('Q');
+  }
+  const stream = paint.join('\n'), font = name => `<< /Type /Font /Subtype /Type1 /BaseFont /${name} /Encoding /WinAnsiEncoding >>`;
+  const objects = ['<< /Type /Catalog /Pages 2 0 R >>', '<< /Type /Pages /Kids [3 0 R] /Count 1 >>',
+    `<< /Type /Page /Parent 2 0 R /MediaBox [0 0 ${w} ${h}] /Contents 4 0 R /Resources << /Font << /F 5 0 R /B 6 0 R >> >> >>`,
+    `<< /Length ${stream.length} >>\nstream\n${stream}\nendstream`, font('Helvetica'), font('Helvetica-Bold')];
+  let out = '%PDF-1.4\n';
+  const places = objects.map((o, i) => { const at = out.length; out += `${i + 1} 0 obj\n${o}\nendobj\n`; return at; }), begin = out.length;
+  return out + `xref\n0 ${objects.length + 1}\n0000000000 65535 f \n${places.map(at => String(at).padStart(10, '0') + ' 00000 n \n').join('')}trailer\n<< /Size ${objects.length + 1} /Root 1 0 R >>\nstartxref\n${begin}\n%%EOF\n`;
+}
+
+// bytes of a text in base64, inflated
+const inflated = async text => new Response(new Blob([Uint8Array.from(atob(text), c => c.charCodeAt(0))]).stream().pipeThrough(new DecompressionStream('deflate'))).arrayBuffer();
+// runs a program that the page holds deflated
+async function started(name) { make('script', new TextDecoder().decode(await inflated(data.programs[name])), document.body); }
+
+// zooms a chart, and with it those that are linked to it, in x
+function show(chart, x) {
+  for (const c of charts) if (c === chart || (chart.item.linked && c.item.linked === chart.item.linked)) {
+    c.x = x; if (!x) c.y = null;
+    if (c !== chart) c.y = null;
+    c.redraw();
+  }
+}
+function chart(item, parent) { const c = new Chart(item, parent); charts.push(c); return c; }
+
+const BAD = /^(FAIL|FAILED|OUTSIDE|NOT MET|NO|error|suspect|NOT REACHED|SUSPECT)\b|\bFAIL$/, GOOD = /^(pass|ok|yes|met)$/;
+function table(block, parent) {
+  let filter = null;
+  if (block.rows.length > 12) { filter = make('input', null, parent); filter.type = 'search'; filter.placeholder = 'show rows that contain ...'; filter.setAttribute('aria-label', 'filter rows'); }
+  const t = make('table', null, make('div', null, parent, 'scroll')), head = make('tr', null, make('thead', null, t)), body = make('tbody', null, t), lines = [], named = block.columns.some(Boolean);
+  const numeric = cell => typeof cell === 'number' || /^[-+]?\d[\d.]*(e[-+]?\d+)?( %| \u00b1 .*| FAIL)?$/.test(cell || '');
+  const value = cell => cell === null || cell === '' || cell === '-' ? null : typeof cell === 'number' ? cell : /^[-+]?\d[\d.]*(e[-+]?\d+)?( |$)/.test(cell) ? parseFloat(cell) : String(cell);
+  block.rows.forEach((row, i) => {
+    const tr = make('tr', null, body, (block.bad || []).includes(i) ? 'bad' : '');
+    row.forEach((cell, k) => { const text = short(cell, 5); make('td', text, tr, (named && numeric(cell) ? 'number ' : '') + (text.length > 24 ? 'long ' : '') + (!k ? '' : BAD.test(text) ? 'bad' : GOOD.test(text) ? 'ok' : '')); });
+    const goes = (block.goes || [])[i];
+    if (goes !== undefined && goes !== null) { tr.className += ' goes'; tr.onclick = () => charts.filter(c => c.item.key === goes).slice(0, 1).forEach(c => c.figure.scrollIntoView({ behavior: 'smooth', block: 'center' })); }
+    lines.push([row, tr]);
+  });
+  if (named) block.columns.forEach((name, k) => {
+    const th = make('th', name, head);
+    th.tabIndex = 0;
+    const sort = () => {
+      const up = th.getAttribute('aria-sort') === 'ascending';
+      for (const other of head.children) other.removeAttribute('aria-sort');
+      th.setAttribute('aria-sort', up ? 'descending' : 'ascending');
+      const way = up ? -1 : 1;
+      lines.slice().sort(([a], [b]) => {
+        const p = value(a[k]), q = value(b[k]);
+        if (p === null || q === null) return (p === null) - (q === null);
+        return way * (typeof p === 'number' && typeof q === 'number' ? p - q : String(p).localeCompare(String(q)));
+      }).forEach(([, tr]) => body.appendChild(tr));
+    };
+    th.onclick = sort;
+    th.onkeydown = event => { if (event.key === 'Enter') sort(); };
+  });
+  if (filter) filter.oninput = () => lines.forEach(([row, tr]) => { tr.hidden = !row.join(' ').toLowerCase().includes(filter.value.toLowerCase()); });
+}
+
+// channels of one or more runs to pick from; each that is picked is a chart with all runs
+function channels(block, parent) {
+  const names = Object.keys(block.channels), shown = new Map(), bar = make('div', null, parent);
+  const filter = make('input', null, bar), count = make('span', '', bar, 'soft');
+  filter.type = 'search'; filter.placeholder = names.length + ' channels: imu, force ...'; filter.setAttribute('aria-label', 'filter channels');
+  const picker = make('div', null, parent, 'picker'), grid = make('div', null, parent, 'charts'), boxes = [];
+  const pick = (name, on) => {
+    if (on && !shown.has(name)) {
+      const c = block.channels[name];
+      shown.set(name, chart({ title: name, x: 'time [s]', y: c.label, linked: 'time', origin: block.origin || 0,
+        curves: c.runs.map((r, i) => r && { name: block.runs.length > 1 ? block.runs[i] : '', style: 'run', colour: block.runs.length > 1 ? i : 1, x: r[0], y: r[1] }).filter(Boolean) }, grid));
+    } else if (!on && shown.has(name)) {
+      const c = shown.get(name);
+      c.figure.remove(); charts.splice(charts.indexOf(c), 1); shown.delete(name);
+    }
+    count.textContent = '  ' + shown.size + ' shown';
+  };
+  for (const name of names) {
+    const label = make('label', null, picker), box = make('input', null, label);
+    box.type = 'checkbox'; box.checked = block.chosen.includes(name);
+    box.onchange = () => pick(name, box.checked);
+    make('span', ' ' + name, label);
+    boxes.push([name, label]);
+  }
+  filter.oninput = () => boxes.forEach(([name, label]) => { label.hidden = !name.toLowerCase().includes(filter.value.toLowerCase()); label.style.display = label.hidden ? 'none' : ''; });
+  block.chosen.forEach(name => pick(name, true));
+}
+
+// Markdown of a line: code, bold, links to pages; all else is text
+function inline(text, parent) {
+  for (const part of text.split(/(`[^`]+`|\*\*[^*]+\*\*|\[[^\]]+\]\([^)]+\))/)) {
+    if (/^`.+`$/.test(part)) make('code', part.slice(1, -1), parent);
+    else if (/^\*\*.+\*\*$/.test(part)) make('b', part.slice(2, -2), parent);
+    else if (/^\[.+\]\(.+\)$/.test(part)) parent.append(part.slice(1, part.indexOf('](')));
+    else if (part) parent.append(part);
+  }
+}
+const kinds = {
+  heading: (b, parent) => { make(b.level > 2 ? 'h3' : 'h2', b.text, parent).id = b.id || ''; },
+  text: (b, parent) => { for (const line of b.lines) inline(line, make('p', null, parent, b.soft ? 'soft' : '')); },
+  table, channels,
+  charts: (b, parent) => { const grid = make('div', null, parent, 'charts' + (b.wide ? ' wide' : '')); for (const item of b.charts) chart(item, grid); },
+  picture: (b, parent) => {
+    const figure = make('figure', null, parent), caption = make('figcaption', null, figure), tools = make('span', null, caption, 'tools');
+    caption.prepend(b.caption);
+    make('button', 'SVG', tools).onclick = () => save(fileName(b.name) + '.svg', 'image/svg+xml', b.svg);
+    make('button', 'PDF', tools).onclick = () => { const raw = atob(b.pdf), bytes = Uint8Array.from(raw, c => c.charCodeAt(0)); save(fileName(b.name) + '.pdf', 'application/pdf', bytes); };
+    const image = make('img', null, make('div', null, figure, 'picture'));
+    image.alt = b.caption; image.style.maxWidth = '100%';
+    image.src = 'data:image/svg+xml;base64,' + btoa(unescape(encodeURIComponent(b.svg)));
+  },
+  part: (b, parent) => {
+    const part = make('details', null, parent);
+    make('summary', b.title, part);
+    let drawn = false;
+    part.ontoggle = () => { if (part.open && !drawn) { drawn = true; draw(b.blocks, part); } };
+    part.open = b.open;
+  },
 };
-const short = (v, n = 4) => v === null || v === undefined ? '' : typeof v === 'string' ? v :
-  v === 0 ? '0' : Math.abs(v) >= 1e5 || Math.abs(v) < 1e-3 ? v.toExponential(Math.max(n - 2, 1)) : String(+v.toPrecision(n));
+function draw(blocks, parent) { for (const block of blocks) kinds[block.kind](block, parent); }
 
-// about so many round values from low to high, two at least, for one alone is no scale; and what to write at them
-function ticks(low, high, count) {
-  const raw = (high - low) / Math.max(count, 1), power = Math.pow(10, Math.floor(Math.log10(raw)));
-  const step = [1, 2, 5, 10].map(m => m * power).find(s => s >= raw) || 10 * power, values = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) values.push(k * step);
-  if (values.length < 2 && count < 20 && high > low) return ticks(low, high, 2 * Math.max(count, 1));
-  const most = Math.max(...values.map(Math.abs), 0), fine = Math.floor(Math.log10(step) + 1e-9);
-  if (most >= 1e5 || (most > 0 && most < 1e-3)) {
-    const order = Math.floor(Math.log10(most)), digits = Math.max(0, Math.min(8, order - fine));
-    return { values, texts: values.map(v => v === 0 ? '0' : (v / Math.pow(10, order)).toFixed(digits) + 'e' + order) };
-  }
-  return { values, texts: values.map(v => v.toFixed(Math.max(0, Math.min(10, -fine)))) };
+function theme(name) {
+  document.documentElement.dataset.theme = name;
+  for (const c of charts) if (c.u) c.build();
+  document.dispatchEvent(new CustomEvent('theme'));
 }
-
-// a canvas as fine as the screen, empty: [context, width, height]
-function cleared(canvas) {
-  const ratio = window.devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight;
-  if (canvas.width !== Math.round(w * ratio) || canvas.height !== Math.round(h * ratio)) { canvas.width = Math.round(w * ratio); canvas.height = Math.round(h * ratio); }
-  const g = canvas.getContext('2d');
-  g.setTransform(ratio, 0, 0, ratio, 0, 0);
-  g.clearRect(0, 0, w, h);
-  g.font = '12px system-ui, "DejaVu Sans", sans-serif';
-  return [g, w, h];
+function begin() {
+  const page = document.getElementById('page'), dark = matchMedia('(prefers-color-scheme: dark)');
+  dark.addEventListener('change', () => theme(dark.matches ? 'dark' : 'light'));
+  const header = make('header', null, page);
+  make('h1', data.title, header);
+  const toggle = make('button', 'light / dark', header, 'small');
+  toggle.onclick = () => theme(document.documentElement.dataset.theme === 'dark' ? 'light' : 'dark');
+  if (data.verdict) make('p', data.verdict.text, page, 'verdict ' + (data.verdict.ok === true ? 'ok' : data.verdict.ok === false ? 'bad' : ''));
+  for (const line of data.about) make('p', line, page);
+  const details = make('details', null, page), of = name => [...new Set(data.facts.filter(f => f[0] === name).map(f => f[1]))];
+  make('summary', ['What this page is of', ...of('vehicle'), ...of('program')].join('  \u00b7  '), details, 'small');
+  details.open = data.facts.length <= 12 && innerWidth > 640;
+  const facts = make('dl', null, details, 'facts');
+  for (const [name, text] of data.facts) { make('dt', name, facts); make('dd', text, facts); }
+  const headings = data.blocks.filter(b => b.kind === 'heading' && b.level === 2);
+  headings.forEach((b, i) => { b.id = 's' + i; });
+  if (headings.length > 3) { const nav = make('nav', null, page); for (const b of headings) { const a = make('a', b.text, nav); a.href = '#' + b.id; } }
+  draw(data.blocks, page);
 }
-
-// grid, frame, numbers and label of the upward axis; numbers and label of the other one where it has a label
-function axes(g, box, X, Y, x, y, up, along) {
-  const { left, right, top, bottom } = box;
-  g.lineWidth = 1; g.setLineDash([]); g.strokeStyle = '#e6e9ed';
-  g.beginPath();
-  for (const v of y.values) { g.moveTo(left, Y(v)); g.lineTo(right, Y(v)); }
-  for (const v of x.values) { g.moveTo(X(v), top); g.lineTo(X(v), bottom); }
-  g.stroke();
-  g.strokeStyle = '#7d8794';
-  g.strokeRect(left, top, right - left, bottom - top);
-  g.fillStyle = '#1c2330'; g.textAlign = 'right'; g.textBaseline = 'middle';
-  y.values.forEach((v, i) => g.fillText(y.texts[i], left - 6, Y(v)));
-  g.save(); g.translate(11, (top + bottom) / 2); g.rotate(-Math.PI / 2); g.textAlign = 'center'; g.fillText(up, 0, 0); g.restore();
-  g.textBaseline = 'alphabetic';
-  if (!along) return;
-  g.textAlign = 'center';
-  x.values.forEach((v, i) => g.fillText(x.texts[i], X(v), bottom + 15));
-  g.fillText(along, (left + right) / 2, bottom + 32);
-}
-
-// a line through samples first to last, with gaps where there is no number
-function through(g, X, Y, x, y, first = 0, last = x.length - 1) {
-  g.beginPath();
-  let pen = false;
-  for (let i = first; i <= last; i++) {
-    if (!isFinite(x[i]) || !isFinite(y[i])) { pen = false; continue; }
-    if (pen) g.lineTo(X(x[i]), Y(y[i])); else g.moveTo(X(x[i]), Y(y[i]));
-    pen = true;
-  }
-  g.stroke();
-}
+window.page = { data, charts, svgOf, pdfOf, show };  // for those who look behind the pictures

@@ -3,10 +3,6 @@ saves and costs."""
 
 from __future__ import annotations
 
-import base64
-import html
-import io
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +12,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
-from mbd_sim_ros.analysis.pages import plain_page, write_text
+from mbd_sim_ros.analysis import pages
+from mbd_sim_ros.analysis.pages import Block, Page
 from mbd_sim_ros.analysis.plots import FIRST, GREY, SECOND, STYLE
+from mbd_sim_ros.analysis.provenance import facts_of_scene
 from solver.errors import MbdError
 from solver.trade.bench import known, truth_of
 from solver.trade.errors import ORIGINS
@@ -27,20 +25,15 @@ from solver.trade.search import Search
 from solver.trade.variations import AS_GIVEN
 from solver.units import shown
 
-DPI = 110
 PARTS = {'model': '#1b6ca8', 'step': '#d95f02', 'iteration': '#2a9d5c', 'reference': '#7f7f7f'}
 CURVES = 6
 
 
 def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
     """Write the page. Raises BagError."""
-    ok = data['status'] == 'ok'
-    title = f'Plan of {data["scene"]}'
-    parts = [f'<p class="verdict {"ok" if ok else "bad"}">{html.escape(verdict(data))}</p>']
-    parts += [f'<p>{html.escape(text)}</p>' for text in (*data['give'], *data['notes'])]
+    blocks: list[Block] = []
     chosen = search.result or nearest(search.tried)
     if data['errors']:
-        parts += ['<h2>Errors by origin</h2>', picture(_origins(data)), rows(error_rows(data))]
         text = (
             'Each is bounded by the sum of its parts, so that errors which cancel on one maneuver are not counted on.'
         )
@@ -50,52 +43,68 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
                 f' The errors themselves use up to {error:.0f} % of a limit; {free:.0f} % leave a margin for other '
                 'maneuvers.'
             )
-        parts.append(f'<p>{text}</p>')
+        parts = pages.picture('errors', _origins(data), 'Errors by origin, in % of their limits')
+        blocks += [pages.heading('Errors by origin'), parts, pages.table(error_rows(data)), pages.text(text)]
     if chosen is not None:
-        parts += ['<h2>Curves on the maneuver of the scene</h2>', _curves(search, chosen)]
+        blocks += [pages.heading('Curves on the maneuver of the scene'), *_curves(search, chosen)]
     if search.tried:
-        parts += ['<h2>What was tried</h2>', picture(_tried(search, chosen))]
-        parts.append(
-            '<p>Share of the limit that the largest bound uses, and expected cost. Dots keep everything; crosses '
-            'below the line have errors that leave no margin.</p>'
-        )
-    parts += ['<h2>Levels of detail</h2>', rows([('level', ''), *data['levels'].items()])]
+        blocks += [
+            pages.heading('What was tried'),
+            pages.picture('tried', _tried(search, chosen), 'Share of the limit that the largest bound uses, and cost'),
+            pages.text('Dots keep everything; crosses below the line have errors that leave no margin.'),
+        ]
+    blocks += [pages.heading('Levels of detail'), pages.table([('level', ''), *data['levels'].items()])]
     if any(i.errors for i in search.influences):
-        parts += ['<h2>Which subsystem matters for which output</h2>', picture(_influences(search))]
-        parts.append(
-            '<p>RMS change of each output, in % of its peak, when the subsystem alone is left out of the chosen '
-            'level; beside it what a step then costs. Subsystems that save nothing are not shown.</p>'
-        )
+        blocks += [
+            pages.heading('Which subsystem matters for which output'),
+            pages.picture('influences', _influences(search), 'RMS change of each output, in % of its peak'),
+            pages.text(
+                'The change when the subsystem alone is left out of the chosen level; beside it what a step then '
+                'costs. Subsystems that save nothing are not shown.'
+            ),
+        ]
     if data['checks']:
-        parts += ['<h2>Maneuvers that had no part in the choice</h2>', picture(_checks(data))]
         ranges = ', '.join(f'{name} from {low:g} to {high:g}' for name, (low, high) in data['unseen']['ranges'].items())
-        parts += [
-            f'<p>Within these ranges, as factors on what the scene has: {ranges}.</p>' if ranges else '',
-            rows(_check_rows(data)),
+        blocks += [
+            pages.heading('Maneuvers that had no part in the choice'),
+            pages.picture('checks', _checks(data), 'Largest error of each, in % of its limit'),
+            *([pages.text(f'Within these ranges, as factors on what the scene has: {ranges}.')] if ranges else []),
+            pages.table(_check_rows(data)),
         ]
-    reference = data['reference']
-    if reference:
+    if reference := data['reference']:
         steps = ', '.join(f'{1e3 * h:g}' for h in reference['steps'])
-        parts += [
-            '<h2>Reference</h2>',
-            f'<p>Converged full vehicle from steps of {steps} ms. RMS, in % of the peak:</p>',
-        ]
         second = reference['second_formulation']
         table = [
             (name, f'{100 * b:.2g}', f'{100 * second[name]:.2g}' if name in second else '-')
             for name, b in reference['band'].items()
         ]
-        parts.append(rows([('quantity', 'band', 'second formulation'), *table]))
+        blocks += [
+            pages.heading('Reference'),
+            pages.text(f'Converged full vehicle from steps of {steps} ms. RMS, in % of the peak:'),
+            pages.table([('quantity', 'band', 'second formulation'), *table]),
+        ]
         if reference['elsewhere']:
-            judge = html.escape(' and '.join(reference['elsewhere']))
-            parts.append(
-                f'<p>On other maneuvers the reference is {judge}, whose error on this one is a small share of every '
-                'limit.</p>'
+            judge = ' and '.join(reference['elsewhere'])
+            blocks.append(
+                pages.text(
+                    f'On other maneuvers the reference is {judge}, whose error on this one is a small share of every '
+                    'limit.'
+                )
             )
     envelope = [(e['quantity'], shown(e['low'], e['unit']), shown(e['high'], e['unit'])) for e in data['envelope']]
-    parts += ['<h2>Envelope</h2>', rows([('quantity', 'from', 'to'), *envelope])]
-    parts.append(f'<p>Certificate {html.escape(data["hash"])}; {html.escape(data["baseline"])} costs 1.</p>')
-    write_text(file, plain_page(title, parts))
+    blocks += [pages.heading('Envelope'), pages.table([('quantity', 'from', 'to'), *envelope])]
+    Page(
+        title=f'Plan of {data["scene"]}',
+        verdict=verdict(data),
+        ok=data['status'] == 'ok',
+        about=(*data['give'], *data['notes']),
+        facts=[
+            *facts_of_scene(search.bench.scene.resolved, search.bench.scene.name),
+            ('certificate', f'{data["hash"]}; {data["baseline"]} costs 1'),
+            ('limits', '; '.join(f'{row[0]} {row[-1]}' for row in error_rows(data)[1:])),
+        ],
+        blocks=blocks,
+    ).write(file)
 
 
 def verdict(data: dict[str, Any]) -> str:
@@ -126,21 +135,6 @@ def shows(data: dict[str, Any]) -> str:
     """The speed that `mbd run` shows of the scene that was found, in words."""
     run = data['cost']['run']
     return f'{run["recorded"]:.3g} times real time, recording included; {run["unrecorded"]:.3g} with --no-record'
-
-
-def rows(table: Sequence[Sequence[str]]) -> str:
-    """A table whose first row is its head."""
-    head = ''.join(f'<th>{html.escape(c)}</th>' for c in table[0])
-    body = '\n'.join('<tr>' + ''.join(f'<td>{html.escape(str(c))}</td>' for c in row) + '</tr>' for row in table[1:])
-    return f'<table><tr>{head}</tr>\n{body}</table>'
-
-
-def picture(figure: Figure) -> str:
-    """A figure inside the page."""
-    data = io.BytesIO()
-    with mpl.rc_context(STYLE):
-        figure.savefig(data, dpi=DPI, format='png')
-    return f'<p><img alt="" src="data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}"></p>'
 
 
 def new_figure(width: float, height: float, rows_: int = 1, columns: int = 1) -> tuple[Figure, Any]:
@@ -197,30 +191,26 @@ def _origins(data: dict[str, Any]) -> Figure:
     return figure
 
 
-def _curves(search: Search, chosen: Verdict) -> str:
+def _curves(search: Search, chosen: Verdict) -> list[Block]:
     try:
         truth, found = truth_of(search.bench, AS_GIVEN), known(search.bench, AS_GIVEN, chosen.setting)
     except (MbdError, Stopped) as failure:
-        return f'<p>{html.escape(str(failure))}</p>'
+        return [pages.text(str(failure))]
     if found is None:
-        return '<p>Its run did not come to the end.</p>'
+        return [pages.text('Its run did not come to the end.')]
     names = [n for n in search.shown if n in found.curves and n != 'position'][:CURVES]
-    if not names:
-        return ''
-    figure, axes = new_figure(9.5, 1.0 + 1.6 * len(names), len(names))
-    for ax, name in zip(axes[:, 0], names, strict=True):
-        ax.plot(truth.time, truth.curves[name][:, 0], color=SECOND, lw=2.0, label='converged full vehicle')
-        ax.plot(found.time, found.curves[name][:, 0], color=FIRST, lw=1.0, ls=(0, (5, 3)), label=str(chosen.setting))
-        error = truth.errors(found)[name]
-        ax.set_title(
-            f'{name} [{truth.quantities[name].unit}]: RMS error {100 * error.share("rms"):.2g} % of the peak',
-            loc='left',
-            fontsize=9,
-        )
-        ax.margins(x=0.01)
-    axes[-1, 0].set_xlabel('time [s]')
-    axes[0, 0].legend(fontsize=8, frameon=False, loc='best')
-    return picture(figure)
+    points, drawn = pages.points_for(2 * len(names)), []
+    for name in names:
+        unit = truth.quantities[name].unit
+        exact, own = truth.curves[name][:, 0], found.curves[name][:, 0]
+        keep, of_own = pages.thinned(points, exact), pages.thinned(points, own)
+        curves = [
+            pages.curve('converged full vehicle', truth.time[keep], exact[keep], style='reference', width=2.0),
+            pages.curve(str(chosen.setting), found.time[of_own], own[of_own], style='run', dash=1),
+        ]
+        note = f'RMS error {100 * truth.errors(found)[name].share("rms"):.2g} % of the peak'
+        drawn.append(pages.chart(name, 'time [s]', f'{name} [{unit}]', curves, note=note, linked='time'))
+    return [pages.charts(drawn)] if drawn else []
 
 
 def _tried(search: Search, chosen: Verdict | None) -> Figure:

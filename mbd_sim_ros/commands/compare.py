@@ -256,6 +256,7 @@ def run(args: argparse.Namespace) -> Result:
         plot_comparison(found, args.plot, names=(names[0], names[1] if len(names) == 2 else 'mean of repeats'))
     if args.html is not None:
         from mbd_sim_ros.analysis.html import write_report
+        from mbd_sim_ros.analysis.provenance import facts_of_run
 
         verdict = result.text.splitlines()[-1]
         write_report(
@@ -264,8 +265,18 @@ def run(args: argparse.Namespace) -> Result:
             names=names,
             about=about(found, names, left_out, unused, doubts),
             verdict=(result.code == 0, verdict),
+            facts=[*_given(args), *(fact for n, r in zip(names, (ours, *references)) for fact in facts_of_run(r, n))],
         )
     return result
+
+
+def _given(args: argparse.Namespace) -> list[tuple[str, str]]:
+    """The tolerances, as facts of the page."""
+    if args.exact:
+        return [('tolerances', 'none: the same bits')]
+    said = [f'{name} {value:g}' for name, value in (('rtol', args.rtol), ('atol', args.atol)) if value is not None]
+    said += [] if args.tolerances is None else [f'by {args.tolerances}']
+    return [('tolerances', ', '.join(said) or 'none given: rtol 1e-6, atol 1e-9 of runs that should be the same')]
 
 
 def _look(args: argparse.Namespace) -> Result:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 SHOWN = 3  # results whose figures are printed
 NOTES = 8  # different ones of a series that are printed
+FACTS = 40  # lines on recordings in the head of a page; ten times as many are no head
 NUMBER = re.compile(r'\d[\d.]*(?:e[-+]?\d+)?')
 EXAMPLE = """mbd evaluate bags/run --html out/evaluation.html
   mbd evaluate out/soft out/stiff --html out/both.html       # variants side by side: recordings, or what mbd maneuver made
@@ -92,6 +93,7 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.analysis import mapping
     from mbd_sim_ros.analysis.evaluation import judging, variants
     from mbd_sim_ros.analysis.evaluation.intervals import with_intervals
+    from mbd_sim_ros.analysis.provenance import facts_of_run
 
     if args.list:
         return listed()
@@ -107,11 +109,14 @@ def run(args: argparse.Namespace) -> Result:
     if args.name:
         judging.called(args.name)  # a wrong name is told before anything is read
     about: list[str] = []
+    facts: list[tuple[str, str]] = []
 
     def judged(place: Path) -> tuple[figures.Result, Scene | None]:
         interrupts.now(f'judging {place}')
         recording, held, scene = judging.read(place, sources, axes, time, args.dbc, log_times=args.log_times)
         evaluation = judging.meant(scene, args.name, str(place))
+        if args.html is not None and len(facts) < FACTS:
+            facts.extend(facts_of_run(recording, str(place)))
         result = judging.judge(
             evaluation, recording, str(place), given, held=held, scene=scene, mapped=bool(sources or axes)
         )
@@ -125,7 +130,7 @@ def run(args: argparse.Namespace) -> Result:
             continue
         about += [f'{place}: {text}' for text in found.refused]
         of.append((name, [judged(one)[0] for one in found.places], None))
-    return report(variants.grouped(of), html=args.html, strict=args.strict, about=about)
+    return report(variants.grouped(of), html=args.html, strict=args.strict, about=about, facts=facts)
 
 
 def report(
@@ -134,11 +139,12 @@ def report(
     html: Path | None,
     strict: bool,
     about: Sequence[str] = (),
+    facts: Sequence[tuple[str, str]] = (),
     data: Mapping[str, Any] | None = None,
     refused: Mapping[str, MbdError] | None = None,
 ) -> Result:
-    """The object, the text, the page and the exit code of some variants. refused: evaluations that belong to them and
-    have no result."""
+    """The object, the text, the page and the exit code of some variants. facts: of the page, what it is of. refused:
+    evaluations that belong to them and have no result."""
     from mbd_sim_ros.analysis.evaluation import figures, variants
     from mbd_sim_ros.analysis.evaluation.html import write_page
 
@@ -191,10 +197,11 @@ def report(
     if html is not None:
         title = ', '.join(dict.fromkeys(r.title for r in results))
         write_page(
-            results,
+            of,
             html,
             title=title,
             about=about,
+            facts=facts,
             passed=passed,
             together={f'{name}: all runs': fs for name, fs in together.items()},
         )

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from solver.scene import Scene
     from solver.vehicle.size import Size
 
+Rows = list[tuple[str, ...]]  # of a table, its head first where it has one
 UNITS = {'mass': 'kg', 'h': 's', 'duration': 's'}
 STANDING = 'vehicle: {}\nstart: {{kind: equilibrium}}\nduration: 1\n'  # a vehicle on a flat road
 
@@ -38,6 +39,9 @@ def add(parsers: Any) -> None:
         '--brief',
         action='store_true',
         help='leave out the figures of a vehicle and the errors of its level, which take seconds',
+    )
+    parser.add_argument(
+        '--html', metavar='FILE', type=Path, help='write what is shown as a page; of a recording its curves'
     )
     instead = parser.add_mutually_exclusive_group()
     instead.add_argument(
@@ -88,33 +92,59 @@ def run(args: argparse.Namespace) -> Result:
         'steps': simulation.scene.steps,
         'start': simulation.start.report(),
     }
-    text = ''
+    tables: list[tuple[str, Rows]] = []
+    lines: list[str] = []
     if simulation.level is not None:
         data['fidelity'] = scene.fidelity
         level = simulation.level if args.brief else _with_errors(simulation.level, scene)
-        data['level'], text = dataclasses.asdict(level), _level(level)
+        data['level'], tables = dataclasses.asdict(level), _level(level)
         if not (args.brief or _steered(scene)):
-            text += (
-                '\n\nno error sheet: its maneuvers impose the angle of the steering wheel, which the vehicle has '
-                'no input for'
+            lines.append(
+                'no error sheet: its maneuvers impose the angle of the steering wheel, which the vehicle has no '
+                'input for'
             )
     if not args.brief and is_vehicle(simulation.scene.model):
         data['figures'], figures = _figures(simulation.scene)
-        text += figures
+        if isinstance(figures, str):
+            lines.append(figures)
+        else:
+            tables.append(('Figures of the vehicle', figures))
     if scene.model.tires:
         data['tire_data'], receipts = _tires(scene)
-        text += receipts
+        lines += receipts
     curved = [grid for grid in scene.model.road.grids if isinstance(grid, CurvedGrid)]
     if notes := [f'{grid.file or grid.sha256}: {note}' for grid in curved for note in grid.notes]:
         data['road_notes'] = notes
-        text += '\n\nroad' + ''.join(f'\n  {note}' for note in notes)
-    rows = [
+        lines.append('road' + ''.join(f'\n  {note}' for note in notes))
+    rows: Rows = [
         (key.replace('_', ' '), f'{_text(value)} {UNITS.get(key, "")}'.rstrip())
         for key, value in data.items()
         if key not in ('status', 'figures', 'level', 'start', 'tire_data', 'road_notes') and value not in ('', [], {})
     ]
     rows.append(('start', str(simulation.start)))
-    return Result(data=data, text=table(rows) + text)
+    if args.html is not None:
+        _page(args.html, scene, rows, tables, lines)
+        data['html'] = str(args.html)
+        lines.append(f'page: {args.html}')
+    parts = [table(rows), *(table(one) for _, one in tables), *lines]
+    return Result(data=data, text='\n\n'.join(parts))
+
+
+def _page(file: Path, scene: Scene, rows: Rows, tables: Sequence[tuple[str, Rows]], lines: Sequence[str]) -> None:
+    """The page of a scene or a vehicle. Raises BagError."""
+    from mbd_sim_ros.analysis import pages
+    from mbd_sim_ros.analysis.provenance import facts_of_scene
+
+    blocks = [pages.heading('Scene'), pages.table([('', ''), *rows])]
+    for title, one in tables:
+        blocks += [pages.heading(title), pages.table(one)]
+    if lines:
+        blocks += [pages.heading('Notes'), pages.text(*(line for text in lines for line in text.splitlines()))]
+    outside = [row[0] for _, one in tables for row in one if 'OUTSIDE' in row or 'FAILED' in row]
+    said = f'outside of usual ranges: {", ".join(outside)}' if outside else ''
+    ok = False if outside else None
+    facts = facts_of_scene(scene.resolved, scene.name)
+    pages.Page(title=scene.title or scene.name, verdict=said, ok=ok, facts=facts, blocks=blocks).write(file)
 
 
 def _tire_file(args: argparse.Namespace) -> Result:
@@ -125,7 +155,8 @@ def _tire_file(args: argparse.Namespace) -> Result:
     from solver.files.tire_receipt import receipt, turn_slip_of, warnings
     from solver.files.yaml_tree import find
 
-    for name, given in (('--set', args.overrides), ('--urdf', args.urdf), ('--resolved', args.resolved)):
+    asked = (('--set', args.overrides), ('--urdf', args.urdf), ('--resolved', args.resolved), ('--html', args.html))
+    for name, given in asked:
         if given:
             raise SceneError(f'{args.scene}: {name} is for a scene, not for a tire file')
     roots = [Path(), *config_directories()]
@@ -178,6 +209,12 @@ def _recording(args: argparse.Namespace) -> Result:
     rows += [('reactions', run.reactions_text)] if run.reactions_text else []
     rows += [*((key.replace('_', ' '), text) for key, text in known.items()), ('duration', f'{duration:g} s')]
     rows += [('SUSPECT', str(one.get('text', one))) for one in run.findings]
+    if args.html is not None:
+        from mbd_sim_ros.analysis.run_page import write_page
+
+        write_page([Path(args.scene)], args.html, rows=rows)
+        data['html'] = str(args.html)
+        rows.append(('page', str(args.html)))
     return Result(data=data, text=table(rows))
 
 
@@ -185,12 +222,12 @@ def _counts(found: list[Entry]) -> list[tuple[str, str]]:
     return [(fate, str(sum(e.fate == fate for e in found))) for fate in ('used', 'ignored', 'defaulted')]
 
 
-def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
-    """Use of the keys of each tire that the scene has: (objects for JSON, text)."""
+def _tires(scene: Scene) -> tuple[list[dict[str, Any]], list[str]]:
+    """Use of the keys of each tire that the scene has: (objects for JSON, texts)."""
     from solver.files.tire_receipt import receipt, turn_slip_of, warnings
     from solver.vehicle.wheel_end import told_of_fit
 
-    objects, text = [], ''
+    objects, texts = [], []
     fit = told_of_fit(scene.model)
     distinct = {(t.data.source or t.data.name, t.turn_slip): t for t in scene.model.tires}
     for (name, _), tire in distinct.items():
@@ -200,12 +237,13 @@ def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
         ]
         said += [sentence for sentence in fit if sentence.partition(':')[0] in wheels]
         counts = ', '.join(f'{number} {"key" if number == "1" else "keys"} {fate}' for fate, number in _counts(found))
-        text += f'\n\ntire {name} ({", ".join(wheels)}): {counts} (every one: mbd info FILE.tir, or --json)'
+        text = f'tire {name} ({", ".join(wheels)}): {counts} (every one: mbd info FILE.tir, or --json)'
         turning = turn_slip_of(tire.data, tire.turn_slip)
         text += ''.join(f'\n  {sentence}' for sentence in (*said, f'turn slip: {turning}'))
+        texts.append(text)
         entry = {'tire': name, 'wheels': wheels, 'turn_slip': turning}
         objects.append(entry | {'receipt': [dataclasses.asdict(e) for e in found], 'warnings': said})
-    return objects, text
+    return objects, texts
 
 
 def _with_errors(level: LevelReport, scene: Scene) -> LevelReport:
@@ -224,10 +262,10 @@ def _steered(scene: Scene) -> bool:
     return 'steering' in scene.model.inputs
 
 
-def _level(level: LevelReport) -> str:
-    """Tables of a level: the parts that it leaves out, the range in which it holds, and its errors against the full
-    vehicle."""
-    parts: list[list[tuple[str, ...]]] = [
+def _level(level: LevelReport) -> list[tuple[str, Rows]]:
+    """Titles and tables of a level: the parts that it leaves out, the range in which it holds, and its errors against
+    the full vehicle."""
+    parts: list[Rows] = [
         [('subsystem', '', 'why'), *((s.subsystem, 'on' if s.on else 'off', s.why) for s in level.switched)],
         [('lost',), *((text,) for text in level.lost)],
         [('valid for',), *((str(limit),) for limit in level.validity)],
@@ -243,7 +281,15 @@ def _level(level: LevelReport) -> str:
         for e in found
     ]
     parts.append([('maneuver', 'quantity', 'RMS error', 'largest', 'of the peak'), *errors])
-    return ''.join('\n\n' + table(rows) for rows in parts if len(rows) > 1)
+    titles = (
+        'Subsystems',
+        'What it leaves out',
+        'Where it holds',
+        'Certified',
+        'What it does not publish',
+        'Error sheet',
+    )
+    return [(title, rows) for title, rows in zip(titles, parts, strict=True) if len(rows) > 1]
 
 
 def scene_of(name: str, overrides: Sequence[str]) -> Scene:
@@ -276,8 +322,9 @@ def _is_vehicle(file: Path) -> bool:
     return isinstance(root, MappingNode) and any(key.value == 'kind' for key, _ in root.value)
 
 
-def _figures(scene: Scene) -> tuple[dict[str, Any], str]:
-    """The figures of the vehicle of a scene, standing on a flat road: (an object for JSON in SI units, a table)."""
+def _figures(scene: Scene) -> tuple[dict[str, Any], Rows | str]:
+    """The figures of the vehicle of a scene, standing on a flat road: (an object for JSON in SI units, a table, or why
+    there is none)."""
     from solver.analysis.figures import all_figures, standing
     from solver.analysis.typical_values import TEXTS, typical_values
     from solver.vehicle.size import size_of
@@ -285,7 +332,7 @@ def _figures(scene: Scene) -> tuple[dict[str, Any], str]:
     try:
         found, failed = all_figures(standing(scene))
     except MbdError as error:
-        return {'error': str(error)}, f'\n\nno figures of the vehicle: {error}'
+        return {'error': str(error)}, f'no figures of the vehicle: {error}'
     data: dict[str, Any] = {}
     ranges, size = typical_values(scene.model), size_of(scene.model)
     texts = driven_at(size)
@@ -313,7 +360,7 @@ def _figures(scene: Scene) -> tuple[dict[str, Any], str]:
         low, high = (f'{x * factor:.4g}' for x in (where.low, where.high))
         rows.append((texts.get(name, text), shown, f'{low} to {high}', '' if within else 'OUTSIDE', where.source))
     others = {name: {'value': value} for name, value in found.items() if name not in data}
-    return data | others, '\n\n' + table(rows)
+    return data | others, rows
 
 
 def driven_at(size: Size) -> dict[str, str]:

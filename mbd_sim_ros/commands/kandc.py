@@ -38,9 +38,9 @@ def add(parsers: Any) -> None:
 def run(args: argparse.Namespace) -> Result:
     """Move the vehicle on the bench, write tables and page."""
     from mbd_sim_ros import compiling, interrupts
-    from mbd_sim_ros.analysis.kandc import FEWEST, MOST, measure, write_tables
+    from mbd_sim_ros.analysis.kandc import FEWEST, MOST, figure_rows, measure, write_page, write_tables
+    from mbd_sim_ros.analysis.provenance import facts_of_scene
     from mbd_sim_ros.commands.info import scene_of
-    from solver.analysis.typical_values import TEXTS
     from solver.validate import finite
 
     for name in ('travel', 'steering'):
@@ -54,11 +54,8 @@ def run(args: argparse.Namespace) -> Result:
     bench = measure(scene, travel=args.travel, steering=args.steering, points=args.points)
     directory = args.out or Path('out') / f'kandc-{Path(args.vehicle).stem}'
     files = write_tables(bench, directory)
-    figures = {name: value for name, value in bench.figures.items() if name in TEXTS}
-    rows = [('figure at the design position', 'value')]
-    for name, value in figures.items():
-        text, unit, factor = TEXTS[name]
-        rows.append((text, f'{value * factor:.4g} {unit}'))
+    page = directory / 'report.html'
+    write_page(bench, page, f'Kinematics and compliance of {scene.name}', facts_of_scene(scene.resolved, scene.name))
     notes = [f'{sweep.title}: {note}' for sweep in bench.sweeps for note in sweep.notes]
     data = {
         'status': 'ok',
@@ -69,7 +66,12 @@ def run(args: argparse.Namespace) -> Result:
             for sweep in bench.sweeps
         },
         'tables': [str(file) for file in files],
+        'report': str(page),
         'notes': notes,
     }
-    lines = [table(rows), *(f'note: {note}' for note in notes), f'{len(files)} tables in {directory}']
+    lines = [
+        table(figure_rows(bench)),
+        *(f'note: {note}' for note in notes),
+        f'{len(files)} tables in {directory}, curves in {page}',
+    ]
     return Result(data=data, text='\n'.join(lines))

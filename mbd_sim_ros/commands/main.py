@@ -32,6 +32,7 @@ if PROGRAM:
 import argparse
 import json
 import re
+import shlex
 import signal
 import traceback
 from collections.abc import Iterator, Sequence
@@ -166,6 +167,7 @@ def _command(argv: Sequence[str] | None) -> int:
         return 1
     argv = list(sys.argv[1:] if argv is None else argv)
     as_json = '--json' in argv
+    interrupts.command = shlex.join(['mbd', *argv])
     with _output(as_json) as out, interrupts.watched(lambda text: _at_the_end(text, out, as_json)):
         try:
             try:

@@ -93,10 +93,11 @@ def _driven(
     from mbd_sim_ros.analysis.evaluation.intervals import with_intervals
     from mbd_sim_ros.analysis.evaluation.variants import Variant
     from mbd_sim_ros.analysis.pages import write_text
+    from mbd_sim_ros.analysis.provenance import facts_of_run
     from mbd_sim_ros.commands.evaluate import report
     from solver.disk import plain
 
-    directory, results, found = driving.directory, [], {}
+    directory, results, found, facts = driving.directory, [], {}, list[tuple[str, str]]()
     refused: dict[str, MbdError] = {}  # maneuver -> error; a car may be unable to drive one maneuver of a norm
     for evaluation in evaluations:
         try:
@@ -116,6 +117,7 @@ def _driven(
             refused[evaluation.name] = error
         else:
             found[evaluation.name] = before
+            facts = facts or facts_of_run(read[0][1], str(read[0][0]))
     first = next(iter(refused.values()), None)
     if first is not None and not results:
         raise first
@@ -130,7 +132,7 @@ def _driven(
     }
     of = [Variant(driving.vehicle.stem, tuple(results))]
     page = directory / 'report.html'
-    result = report(of, html=page, strict=args.strict, about=about, data=data, refused=refused)
+    result = report(of, html=page, strict=args.strict, about=about, facts=facts, data=data, refused=refused)
     write_text(directory / 'report.json', json.dumps(plain(result.data), indent=1))
     return result
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from mbd_sim_ros.commands import Result, add_scene, declare, table
 from mbd_sim_ros.commands.scene_keys import KEYS, add_keys, overrides_of
+from solver.errors import SpecError
 
 if TYPE_CHECKING:
     from solver.scene import Scene
@@ -58,6 +59,9 @@ def add(parsers: Any) -> None:
         '--out', metavar='DIR', type=Path, help='new directory for the recording (default: bags/<scene>-<date>)'
     )
     where.add_argument('--no-record', action='store_true', help='record nothing')
+    parser.add_argument(
+        '--html', metavar='FILE', type=Path, help='page of the run: verdict, path, all channels to pick from'
+    )
 
 
 def run(args: argparse.Namespace) -> Result:
@@ -71,6 +75,8 @@ def run(args: argparse.Namespace) -> Result:
     from solver.files.tire_receipt import told_of_tires
     from solver.vehicle.wheel_end import told_of_fit
 
+    if args.html is not None and args.no_record:
+        raise SpecError('--html draws what is recorded; leave --no-record out')
     scene = load_scene(args.scene, overrides_of(args))
     compiling.tell(not args.json, scene.model)
     simulation = simulation_of(scene)
@@ -98,7 +104,14 @@ def run(args: argparse.Namespace) -> Result:
     violations = [f'{f["quantity"]}: {f["text"]}' for f in data['findings'] if f['required']]
     if violations:
         data['violations'] = violations
-    text = describe(data, str(simulation.start), covered) + by_origin
+    described = rows_of(data, str(simulation.start), covered)
+    text = table(described) + by_origin
+    if args.html is not None and directory is not None:
+        from mbd_sim_ros.analysis.run_page import write_page
+
+        write_page([directory], args.html, f'verdict: {data["status"]}', described[1:])
+        data['html'] = str(args.html)
+        text += f'\npage: {args.html}'
     return Result(data=data, text=text, code=0 if data['passed'] else 1)
 
 
@@ -117,9 +130,9 @@ def _origins(scene: Scene) -> tuple[dict[str, Any], str]:
         raise
 
 
-def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, Any]] = ()) -> str:
-    """The figures of a run for people. start: what it changed of what is given. covered: findings that the certificate
-    of a plan covers."""
+def rows_of(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, Any]] = ()) -> list[tuple[str, str]]:
+    """Name and text of the figures of a run. start: what it changed of what is given. covered: findings that the
+    certificate of a plan covers."""
     rows = [('verdict', data['status']), ('start', start)]
     rows.append(('error', data['error_text']))
     if data['reactions_text']:
@@ -153,8 +166,7 @@ def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, An
         rows += [('note', Finding(**found).covered_for(required)) for found in covered]
     rows += [('tire', sentence) for sentence in data.get('tires', ())]
     rows += [('REQUIREMENT' if found['required'] else 'SUSPECT', found['text']) for found in data['findings']]
-    rows += _explained(data)
-    return table(rows)
+    return [*rows, *_explained(data)]
 
 
 def _explained(data: dict[str, Any]) -> list[tuple[str, str]]:

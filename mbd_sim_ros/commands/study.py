@@ -96,6 +96,7 @@ def run(args: argparse.Namespace) -> Result:
         'quick': args.quick,
         'out': str(out),
         'report': str(out / 'report.md'),
+        'page': str(out / 'report.html'),
         'missed': missed,
         **figures,
     }
@@ -105,7 +106,7 @@ def run(args: argparse.Namespace) -> Result:
     text = [
         table([('check', 'value', 'limit', ''), *rows]),
         f'{len(missed)} of {len(rows)} checks not met',
-        f'report: {out / "report.md"}',
+        f'report: {out / "report.html"} (and report.md)',
     ]
     return Result(data=data, text='\n'.join(text if rows else text[-1:]), code=1 if failed else 0)
 

@@ -77,6 +77,7 @@ def run(args: argparse.Namespace) -> Result:
 
 def _swept(args: argparse.Namespace, sweep: Sweep, run_cases: Callable[[Sequence[SweepCase]], Iterator[Row]]) -> Result:
     """Lay out, run what is not there yet, write the table and the report."""
+    from mbd_sim_ros.analysis.provenance import facts_of_scene
     from mbd_sim_ros.sweep.case import overrides_of
     from mbd_sim_ros.sweep.design import cases, units_of
     from solver import load_scene
@@ -98,7 +99,7 @@ def _swept(args: argparse.Namespace, sweep: Sweep, run_cases: Callable[[Sequence
     units = units_of(sweep, published(first.model), keys)
     with alone(args.out):
         rows = _rows(args, sweep, values, base, run_cases)
-        return _written(args, sweep, rows, units)
+        return _written(args, sweep, rows, units, facts_of_scene(base.resolved, base.name))
 
 
 def _rows(
@@ -180,7 +181,9 @@ def _told(errors: dict[str, Any], count: int) -> str:
     )
 
 
-def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dict[str, str]) -> Result:
+def _written(
+    args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dict[str, str], facts: Sequence[tuple[str, str]]
+) -> Result:
     """The table, the report and what is said of them."""
     from mbd_sim_ros.analysis.pages import write_text
     from mbd_sim_ros.sweep.design import ERRORS, UNITS
@@ -192,9 +195,8 @@ def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dic
     empty = [name for name in sweep.figures if not any(math.isfinite(row[name]) for row in rows)]
     indices = sensitivities(sweep, rows)
     file = write_table(rows, args.out)
-    report = write_report(
-        sweep, rows, indices, units, args.out, f'{sweep.scene}: {len(rows)} cases, {sweep.design.kind}'
-    )
+    title = f'{Path(sweep.scene).stem}: {len(rows)} cases, {sweep.design.kind}'
+    report = write_report(sweep, rows, indices, units, args.out, title, facts)
     write_text(args.out / 'sweep.json', json.dumps(dataclasses.asdict(sweep), indent=1))
     counts = {status: sum(row['status'] == status for row in rows) for status in ('ok', 'suspect', 'error')}
     data = {

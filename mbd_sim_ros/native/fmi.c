@@ -1,4 +1,4 @@
-/* fmi.c: a model as a unit of co-simulation, by the functions of FMI 2.0 and 3.0 (references.md: FMI2, FMI3).
+/* fmi.c: a model as a unit of co-simulation, by the functions of FMI 2.0 and 3.0 (references.md: [FMI2014], [FMI2022]).
  *
  * Value references are the numbers of variables; behind them come the parameters of the filter of steering commands and
  * the time. The model lies in resources/model.mbd; instantiation token and GUID are its digest. */

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import csv
-import html
 import importlib
 import io
 import math
@@ -15,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from mbd_sim_ros.analysis.pages import plain_page, write_text
+from mbd_sim_ros.analysis import pages
+from mbd_sim_ros.analysis.pages import Block, Page, write_text
 from mbd_sim_ros.sweep.case import Row
-from mbd_sim_ros.sweep.design import SENSITIVITY, Sweep, problem
+from mbd_sim_ros.sweep.design import SENSITIVITY, Parameter, Sweep, problem
 from solver.errors import BagError
 
 # Range of a figure over all cases, relative to its size (or to 1 in SI units), that counts as none: rounding. Ten times
@@ -25,7 +24,8 @@ from solver.errors import BagError
 ROUNDING = 1e-12
 # half width of a 95 % confidence interval of a Sobol index (0 to 1) from which on the report warns of few samples
 CLEAR = 0.1
-COLOURS = {'ok': '#0072b2', 'suspect': '#e69f00', 'error': '#d55e00'}
+STATUSES = {'ok': 1, 'suspect': 4, 'error': 0}  # status -> colour of its points (page.js)
+CASES = 2000  # in the table of the page; ten times as many take seconds to open
 
 
 def write_table(rows: Sequence[Row], directory: Path) -> Path:
@@ -113,83 +113,90 @@ def known_to(sweep: Sweep, indices: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def write_report(
-    sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], units: Mapping[str, str], directory: Path, title: str
+    sweep: Sweep,
+    rows: Sequence[Row],
+    indices: dict[str, Any],
+    units: Mapping[str, str],
+    directory: Path,
+    title: str,
+    facts: Sequence[tuple[str, str]] = (),
 ) -> Path:
-    """Write report.html: counts, least and largest value of every figure with their cases, pictures, indices, failures.
+    """Write report.html: counts, least and largest value of every figure with their cases, charts, indices, the table
+    of all cases.
 
-    units: parameter or figure -> unit, where it has one. Raises BagError.
+    units: parameter or figure -> unit, where it has one. facts: what the sweep is of. Raises BagError.
     """
-    counts = {status: sum(row['status'] == status for row in rows) for status in COLOURS}
-    parts = [f'<p>{len(rows)} cases: {", ".join(f"{n} {status}" for status, n in counts.items())}.</p>']
+    counts = {status: sum(row['status'] == status for row in rows) for status in STATUSES}
+    blocks: list[Block] = []
+    points = len(rows) * len(sweep.parameters) * len(sweep.figures)
+    every = max(1, math.ceil(2 * points / pages.LARGEST))  # cases of which one is drawn
     for figure, meaning in sweep.figures.items():
         known = [row for row in rows if math.isfinite(row[figure])]
-        parts.append(f'<h2>{html.escape(figure)}: {html.escape(meaning.text)}</h2>')
+        blocks.append(pages.heading(f'{figure}: {meaning.text}'))
         if not known:
-            parts.append('<p>no case has a value</p>')
+            blocks.append(pages.text('no case has a value'))
             continue
         low, high = min(known, key=lambda row: row[figure]), max(known, key=lambda row: row[figure])
-        parts.append(
-            f'<p>from {low[figure]:.6g} (case {low["case"]}) to {high[figure]:.6g} {units.get(figure, "")} (case '
-            f'{high["case"]})</p>'
-        )
-        parts.append(
-            f'<img alt="{html.escape(figure)}" src="data:image/png;base64,{_picture(sweep, known, figure, units)}">'
-        )
-        parts += [f'<p>{html.escape(reason)}</p>'] if (reason := no_indices(sweep, rows, figure)) else []
+        unit = units.get(figure, '')
+        said = [f'from {low[figure]:.6g} (case {low["case"]}) to {high[figure]:.6g} {unit} (case {high["case"]})']
+        said += [f'one of {every} cases is drawn'] if every > 1 else []
+        said += [reason] if (reason := no_indices(sweep, rows, figure)) else []
+        said += [doubt] if figure in indices and (doubt := known_to(sweep, indices[figure])) else []
+        blocks.append(pages.text(*said))
         if figure in indices:
             keys = list(next(iter(indices[figure].values())))
             ranked = 'ST' if 'ST' in keys else 'mu_star'
-            rows_ = ''.join(
-                f'<tr><td>{html.escape(name)}</td>{"".join(f"<td>{found[key]:.4g}</td>" for key in keys)}</tr>'
-                for name, found in sorted(indices[figure].items(), key=lambda item: -abs(item[1][ranked]))
+            found = sorted(indices[figure].items(), key=lambda item: -abs(item[1][ranked]))
+            blocks.append(
+                pages.table([('parameter', *keys), *((name, *(one[key] for key in keys)) for name, one in found)])
             )
-            parts += [f'<p>{html.escape(doubt)}</p>'] if (doubt := known_to(sweep, indices[figure])) else []
-            parts.append(
-                f'<table><tr><th>parameter</th>{"".join(f"<th>{key}</th>" for key in keys)}</tr>{rows_}</table>'
-            )
-    failed = [row for row in rows if row['status'] != 'ok']
-    if failed:
-        parts.append('<h2>Not ok</h2><table><tr><th>case</th><th>status</th><th>what was found</th></tr>')
-        parts += [
-            f'<tr><td>{row["case"]}</td><td>{row["status"]}</td><td>{html.escape(row["message"])}</td></tr>'
-            for row in failed
-        ]
-        parts.append('</table>')
+        blocks.append(pages.charts([_chart(sweep, known[::every], figure, name, units) for name in sweep.parameters]))
+    blocks.append(pages.heading('Cases'))
+    columns = [name for name in rows[0] if name not in ('message', 'bag')]
+    shown = sorted(rows, key=lambda row: row['status'] == 'ok')[:CASES]
+    if len(rows) > CASES:
+        blocks.append(pages.text(f'{CASES} of {len(rows)} cases, those that are not ok first; the table has all.'))
+    head = [*(_with_unit(name, units) for name in columns), 'what was found']
+    lines = [[*(row[name] for name in columns), row['message']] for row in shown]
+    blocks.append(pages.table([head, *lines], bad=[k for k, row in enumerate(shown) if row['status'] != 'ok']))
     file = directory / 'report.html'
-    write_text(file, plain_page(title, parts))
+    said_ = ', '.join(f'{n} {status}' for status, n in counts.items())
+    Page(
+        title=title,
+        verdict=f'{len(rows)} cases: {said_}',
+        ok=counts['ok'] == len(rows),
+        facts=[
+            *facts,
+            ('parameters', '; '.join(f'{name}: {_range(one)}' for name, one in sweep.parameters.items())),
+            ('design', f'{sweep.design.kind}, samples {sweep.design.samples}, seed {sweep.design.seed}'),
+        ],
+        blocks=blocks,
+    ).write(file)
     return file
 
 
-def _picture(sweep: Sweep, rows: Sequence[Row], figure: str, units: Mapping[str, str]) -> str:
-    """Picture of the figure over every parameter, as PNG in base64."""
-    from matplotlib.figure import Figure
+def _range(parameter: Parameter) -> str:
+    if parameter.ranged:
+        return f'{parameter.low:g} to {parameter.high:g}'
+    return ', '.join(value if isinstance(value, str) else f'{value:g}' for value in parameter.values)
 
-    names = list(sweep.parameters)
-    across = min(3, len(names))
-    down = math.ceil(len(names) / across)
-    drawing = Figure(figsize=(4.2 * across, 3.0 * down), dpi=90, layout='constrained')
-    for k, name in enumerate(names):
-        axes = drawing.add_subplot(down, across, k + 1)
-        for status, colour in COLOURS.items():
-            some = [row for row in rows if row['status'] == status]
-            if some:
-                axes.plot(
-                    [row[name] for row in some],
-                    [row[figure] for row in some],
-                    'o',
-                    color=colour,
-                    markersize=4,
-                    label=status,
-                )
-        axes.set_xlabel(_with_unit(name, units), fontsize=9)
-        axes.set_ylabel(_with_unit(figure, units) if k % across == 0 else '', fontsize=9)
-        axes.tick_params(labelsize=8)
-        axes.grid(color='#e5e5e5')
-        if k == 0:
-            axes.legend(fontsize=8)
-    out = io.BytesIO()
-    drawing.savefig(out, format='png')
-    return base64.b64encode(out.getvalue()).decode()
+
+def _chart(sweep: Sweep, rows: Sequence[Row], figure: str, name: str, units: Mapping[str, str]) -> Block:
+    """A figure over a parameter, a point for each case; values that are text have their place in the list."""
+    listed = [value for value in sweep.parameters[name].values if isinstance(value, str)]
+    where = ', '.join(f'{k} = {value}' for k, value in enumerate(listed))
+
+    def place(row: Row) -> float:
+        return float(listed.index(row[name])) if row[name] in listed else float(row[name])
+
+    curves = []
+    for status, colour in STATUSES.items():
+        some = [row for row in rows if row['status'] == status]
+        if some:
+            x, y = np.array([place(row) for row in some]), np.array([row[figure] for row in some])
+            curves.append(pages.curve(status, x, y, points=3.5, colour=colour))
+    title = f'{figure} over {name}'
+    return pages.chart(title, _with_unit(name, units), _with_unit(figure, units), curves, note=where)
 
 
 def _with_unit(name: str, units: Mapping[str, str]) -> str:
@@ -197,7 +204,6 @@ def _with_unit(name: str, units: Mapping[str, str]) -> str:
 
 
 def get_ready() -> None:
-    """Import the libraries for table and report. That takes a second, which costs nothing while the cases run."""
-    for library in ('pyarrow.parquet', 'matplotlib.figure'):
-        with suppress(ImportError):
-            importlib.import_module(library)
+    """Import the library for the table. That takes a second, which costs nothing while the cases run."""
+    with suppress(ImportError):
+        importlib.import_module('pyarrow.parquet')

@@ -5,21 +5,19 @@ from __future__ import annotations
 import base64
 import errno
 import json
+import math
 import re
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import data_of
 
-from mbd_sim_ros.analysis.pages import fill, floats, plain_page, thinned, write_text
+from mbd_sim_ros import interrupts
+from mbd_sim_ros.analysis import pages
+from mbd_sim_ros.analysis.pages import POINTS, Page, floats, thinned, write_text
 from solver.errors import BagError
-
-POINTS = 1500
-TEMPLATES = (
-    'mbd_sim_ros.analysis:report.html',
-    'mbd_sim_ros.analysis.evaluation:page.html',
-    'mbd_sim_ros.analysis.view:view.html',
-)
 
 
 @pytest.mark.parametrize('signals', [1, 3])
@@ -40,15 +38,39 @@ def test_numbers_arrive_as_floats_of_32_bits() -> None:
     assert floats(np.array([])) == ''
 
 
-@pytest.mark.parametrize('template', TEMPLATES)
-def test_a_template_is_filled_and_needs_nothing_else(template: str, tmp_path: Path) -> None:
-    fill(tmp_path / 'deep' / 'p.html', template, {'title': '</script>', 'worst': [float('inf'), 1.5]})
-    page = (tmp_path / 'deep' / 'p.html').read_text(encoding='utf-8')
-    assert not re.search('@[A-Z]+@', page)
-    assert page.count('</script>') == 2  # nothing in the data ends a script
-    assert not re.search(r'(src|href)=|https?://|@import|url\(', page)
-    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
-    assert data is not None and json.loads(data[1]) == {'title': '</script>', 'worst': [None, 1.5]}
+def test_a_page_is_whole_and_nothing_in_its_data_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Program, time and command stand in every page; the policy in its head lets it fetch nothing."""
+    monkeypatch.setattr(interrupts, 'command', 'mbd some <thing>')
+    file = tmp_path / 'deep' / 'p.html'
+    odd = pages.table([('a', 'b'), ('</script>', math.inf), ('@DATA@', 1.5)])
+    Page(title='a < b </script>', verdict='bad', ok=False, facts=[('x', 'y')], blocks=[odd]).write(file)
+    text, data = file.read_text(encoding='utf-8'), data_of(file)
+    assert text.count('</script>') == 2 and '<title>a &lt; b &lt;/script&gt;</title>' in text
+    assert not re.search(r'(src|href)="|@import|url\((?!#)', text.replace(json.dumps(data), ''))
+    assert "default-src 'none'" in text
+    assert data['blocks'][0]['rows'] == [['</script>', None], ['@DATA@', 1.5]]
+    facts = dict(data['facts'])
+    assert facts['command'] == 'mbd some <thing>' and facts['x'] == 'y'
+    assert facts['program'].startswith('mbd_sim_ros ') and re.match(r'\d{4}-\d\d-\d\d .* UTC', facts['made'])
+    licence = files('mbd_sim_ros.analysis.third_party.uplot').joinpath('LICENSE').read_text()
+    assert 'MIT' in licence and 'uPlot (v1.6.32)' in text  # what is embedded names itself
+
+
+def test_points_of_a_page_stay_within_its_size() -> None:
+    """All curves together, whatever their number: 1.5 MB less the program and the text around."""
+    for curves in (1, 30, 160, 700):
+        points = pages.points_for(curves)
+        assert pages.FEWEST <= points <= POINTS
+        assert points == pages.FEWEST or curves * points * 2 * 16 / 3 < 1.3e6
+
+
+def test_markdown_becomes_blocks() -> None:
+    source = '## Head\n\nSome `code`\nand more.\n\n- one\n  goes on\n- two\n\n| a | b |\n|---|---|\n| 1 | x |'
+    head, text, items, table = pages.markdown(source)
+    assert (head['kind'], head['text'], head['level']) == ('heading', 'Head', 2)
+    assert text['lines'] == ('Some `code` and more.',)
+    assert items['lines'] == ('\u2022 one goes on', '\u2022 two')
+    assert (table['columns'], table['rows']) == (['a', 'b'], [['1', 'x']])
 
 
 def test_a_page_that_cannot_be_written_leaves_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,8 +93,3 @@ def test_a_page_that_cannot_be_written_leaves_the_one_before(tmp_path: Path, mon
     with pytest.raises(BagError, match='cannot write /dev/full: No space left on device'):
         write_text(Path('/dev/full'), 'after')
     assert Path('/dev/full').is_char_device()
-
-
-def test_a_plain_page_escapes_its_title() -> None:
-    page = plain_page('a < b', ['<p>text</p>'])
-    assert '<title>a &lt; b</title>' in page and '<h1>a &lt; b</h1>' in page and '<p>text</p>' in page

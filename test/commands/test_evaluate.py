@@ -78,7 +78,7 @@ def test_a_recording_of_others_is_evaluated(
     assert figures['yaw_rate_peak_time']['value'] == pytest.approx(math.pi / (2.0 * np.pi * 1.2 * 0.8), abs=5e-3)
     assert figures['yaw_rate_peak_time']['unit'] == 's'
     assert figures['lateral_acceleration_gain']['value'] == pytest.approx(8.0, rel=2e-3)
-    assert 'http' not in page.read_text(encoding='utf-8')
+    assert "default-src 'none'" in page.read_text(encoding='utf-8')  # it can fetch nothing
     assert main(['evaluate', str(bag), '--as', 'iso7401_step', '--mapping', str(file)]) == 0
     assert 'not judged' in capsys.readouterr().out
 

@@ -12,7 +12,7 @@ import pytest
 
 import solver
 import solver.files.scene
-from mbd_sim_ros.commands.run import describe
+from mbd_sim_ros.commands.run import rows_of
 from solver.analysis.certificate_coverage import certified_of, covers, is_broken, is_of_scene, weighed
 from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import findings
@@ -152,7 +152,7 @@ def test_what_is_covered_is_told_with_its_numbers_and_without_a_remedy() -> None
         **told,
         'accuracy': {'required': ['yaw_rate'], 'certificate': 'abc'},
     }
-    (note,) = [line for line in describe(data, 'as placed', [asdict(one)]).splitlines() if line.startswith('note')]
+    (note,) = [text for name, text in rows_of(data, 'as placed', [asdict(one)]) if name == 'note']
     said = (
         'A body turns too far in a step (turn_per_step 1.3 rad, limit 1 rad): covered by the certificate, whose '
         'plan has measured'

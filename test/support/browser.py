@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import base64
+import html
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,6 +16,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any
+
+import numpy as np
 
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
 QUIET = [
@@ -162,3 +166,50 @@ class Tab:
     def picture(self, file: Path) -> None:
         """Write what is seen as PNG."""
         file.write_bytes(base64.b64decode(self.call('Page.captureScreenshot', format='png')['data']))
+
+
+def data_of(file: Path) -> dict[str, Any]:
+    """The data in a page of mbd_sim_ros.analysis.pages."""
+    text = re.search(r'<script type="application/json" id="data">(.*?)</script>', file.read_text('utf-8'), re.DOTALL)
+    assert text is not None
+    return json.loads(text[1])
+
+
+def blocks_of(data: dict[str, Any], kind: str) -> list[dict[str, Any]]:
+    """The blocks of a kind, those in foldable parts too."""
+    inside = [inner for block in data['blocks'] for inner in block.get('blocks', [])]
+    return [block for block in (*data['blocks'], *inside) if block['kind'] == kind]
+
+
+def numbers(text: str) -> np.ndarray:
+    """Numbers that a page holds in base64."""
+    return np.frombuffer(base64.b64decode(text), '<f4')
+
+
+def opened(file: Path, size: tuple[int, int], probe: str = '{}', picture: Path | None = None) -> Any:
+    """The value of an expression of JavaScript in a page that a browser of this size has opened. picture: for a
+    screenshot, which is another visit. Fails with what the page says on the console: an error, or a request that its
+    policy forbids."""
+    late = 'setTimeout(async () => { document.body.dataset.probe = JSON.stringify(await (async () => (@))()); }, 1500);'
+    page = file.with_name(f'probe-{file.stem}.html')
+    script = f'<script>{late.replace("@", probe)}</script></html>'
+    page.write_text(file.read_text('utf-8').replace('</html>', script), 'utf-8')
+    command = [
+        str(CHROMIUM),
+        *QUIET,
+        f'--user-data-dir={file.parent}/profile',
+        f'--window-size={size[0]},{size[1]}',
+        '--disable-component-update',
+        '--disable-sync',
+        '--hide-scrollbars',
+        '--virtual-time-budget=6000',
+        '--enable-logging=stderr',
+    ]
+    visits = [[*command, '--dump-dom', page.as_uri()]]
+    visits += [] if picture is None else [[*command, f'--screenshot={picture}', file.as_uri()]]
+    found = [subprocess.run(one, timeout=120, check=True, capture_output=True, text=True) for one in visits]
+    told = [line for one in found for line in one.stderr.splitlines() if 'CONSOLE' in line]
+    assert not told, told
+    value = re.search(r'data-probe="([^"]*)"', found[0].stdout)
+    assert value is not None, 'the page has stopped before its end'
+    return json.loads(html.unescape(value[1]))

@@ -1,56 +1,67 @@
-"""Report of evaluations as one HTML page that needs no other files. A script in it draws the curves
-(docs/decisions/0011-report-of-comparisons.md).
-"""
+"""Page of evaluations: figures and curves of every recording, and variants side by side."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from mbd_sim_ros.analysis import pages
+from mbd_sim_ros.analysis.evaluation import variants as beside
 from mbd_sim_ros.analysis.evaluation.figures import SHOWN, Chart, Figure, Result, rows, sentence
-from mbd_sim_ros.analysis.pages import fill, floats, thinned
+from mbd_sim_ros.analysis.evaluation.variants import Variant
+from mbd_sim_ros.analysis.pages import Block, Page, thinned
 
-POINTS = 1500  # points of a curve that are kept, about; ten times as many make a page slow
+OPEN = 4  # results whose figures are unfolded; ten times as many are a page of minutes
 
 
 def write_page(
-    results: Sequence[Result],
+    of: Sequence[Variant],
     file: Path,
     *,
     title: str,
-    about: Sequence[str],
+    about: Sequence[str] = (),
+    facts: Sequence[tuple[str, str]] = (),
     passed: bool | None,
     together: Mapping[str, Sequence[Figure]],
 ) -> None:
     """Write the page `file`.
 
-    about: lines at its head. passed: overall verdict, None if nothing was judged. together: title -> figures of a whole
-    series of runs. Raises BagError if the file cannot be written.
+    about: lines at its head. facts: what the recordings are of. passed: overall verdict, None if nothing was judged.
+    together: title -> figures of a whole series of runs. Raises BagError if the file cannot be written.
     """
-    data = {
-        'title': title,
-        'verdict': {'ok': passed, 'text': sentence(results)},
-        'about': list(about),
-        'together': [{'title': name, 'rows': [_row(f) for f in found]} for name, found in together.items()],
-        'results': [
-            {
-                'title': f'{r.title}{_amplitude(r)}',
-                'verdict': {True: 'pass', False: 'FAIL', None: ''}[r.passed],
-                'norm': r.norm,
-                'source': r.source,
-                'head': rows([r])[0],
-                'rows': rows([r])[1:],
-                'notes': list(r.notes),
-                'charts': [_chart(c) for c in r.charts],
-            }
-            for r in results
-        ],
-    }
-    fill(file, 'mbd_sim_ros.analysis.evaluation:page.html', data)
+    results = [r for variant in of for r in variant.results]
+    overlaid: dict[str, tuple[list[Variant], tuple[Chart, ...]]] = {}
+    for name in dict.fromkeys(r.evaluation for r in results):
+        having = [variant for variant in of if variant.of(name)]
+        if len(having) > 1:
+            overlaid[name] = having, beside.overlaid(having, name)
+    drawn = [chart for r in results for chart in r.charts] + [c for _, found in overlaid.values() for c in found]
+    points = pages.points_for(sum(len(chart.curves) for chart in drawn))
+    blocks: list[Block] = []
+    for name, (having, found) in overlaid.items():
+        first = having[0].of(name)[0]
+        blocks += [pages.heading(f'{first.title}: variants side by side'), pages.table(beside.rows(having, name))]
+        blocks.append(pages.text('Differences are those from the first variant, in percent of its size.', soft=True))
+        blocks.append(pages.charts([_chart(one, points, f'beside {name}') for one in found]))
+    for name, figures in together.items():
+        head = ('figure', 'value', 'unit', 'limit', 'verdict')
+        blocks += [pages.heading(name), pages.table([head, *(_row(f) for f in figures)])]
+    blocks.append(pages.heading('Recordings'))
+    for k, r in enumerate(results):
+        verdict = {True: ': pass', False: ': FAIL', None: ''}[r.passed]
+        parameters = ', '.join(f'{key} {value:g}' for key, value in r.parameters.items() if value is not None)
+        part = [
+            pages.text(r.source, f'After {r.norm}', *([f'Parameters: {parameters}'] if parameters else []), soft=True)
+        ]
+        part.append(pages.table(rows([r])))
+        part += [pages.text(*(f'Note: {note}' for note in r.notes))] if r.notes else []
+        part.append(pages.charts([_chart(one, points, str(k)) for one in r.charts]))
+        is_open = len(results) <= OPEN and not overlaid
+        blocks.append(pages.part(f'{r.title}{_amplitude(r)}{verdict}', part, is_open=is_open))
+    Page(title=title, verdict=sentence(results), ok=passed, about=about, facts=facts, blocks=blocks).write(file)
 
 
 def _row(figure: Figure) -> list[str]:
@@ -64,17 +75,27 @@ def _amplitude(result: Result) -> str:
     return f', {math.degrees(found[0].value):+.0f} deg' if found else ''
 
 
-def _chart(chart: Chart) -> dict[str, Any]:
-    """A chart as data for the script of the page, in the units that are shown."""
+def _chart(chart: Chart, points: int, of: str) -> Block:
+    """A chart as data for the script of the page, in the units that are shown. Curves of variants have the colour of
+    their variant, and a dash by their order in it."""
     x, fx = _axis(*chart.x)
     y, fy = _axis(*chart.y)
+    groups = list(dict.fromkeys(curve.group for curve in chart.curves))
+    order: dict[str, int] = {}
     curves = []
-    for curve in chart.curves:
-        keep = np.arange(curve.y.size) if curve.style == 'cloud' else thinned(POINTS, curve.y)
+    for one in chart.curves:
+        # of a cloud any samples do, of a curve its extremes
+        even = np.arange(0, one.y.size, max(1, -(-one.y.size // points)))
+        keep = even if one.style == 'cloud' else thinned(points, one.y)
+        more = {}
+        if one.group:
+            more = {'colour': groups.index(one.group), 'dash': order.get(one.group, 0)}
+            order[one.group] = more['dash'] + (one.style != 'limit')
         curves.append(
-            {'name': curve.name, 'style': curve.style, 'x': floats(fx * curve.x[keep]), 'y': floats(fy * curve.y[keep])}
+            pages.curve(one.name, fx * one.x[keep], fy * one.y[keep], style=one.style, group=one.group, **more)
         )
-    return {'title': chart.title, 'x': x, 'y': y, 'curves': curves}
+    linked = f'{of}: {x}' if chart.x[1] == 's' else None
+    return pages.chart(chart.title, x, y, curves, linked=linked)
 
 
 def _axis(label: str, unit: str) -> tuple[str, float]:

@@ -1,8 +1,9 @@
-// The picture of a model in motion: what is drawn, and how. The pages of a recording (view.html) and of a car that is driven (drive.html)
+// The picture of a model in motion: what is drawn, and how. The pages of a recording (view.js) and of a car that is driven (drive.html)
 // share it. `data` gives the drawing (data.runs), half the height of what is seen (data.size) and the origin of all places (data.origin).
-const COLOURS = { outline: '#8a8a8a', body: '#0072b2', wheel: '#222222', spring: '#e69f00', force: '#d55e00', ground: '#dddddd', world: '#bbbbbb' };
-if (/^rgb\((\d|[1-9]\d), /.test(getComputedStyle(document.body).backgroundColor))  // a dark page
-  Object.assign(COLOURS, { body: '#56b4e9', wheel: '#b5b5b5', ground: '#3d4148' });
+const LIGHT = { outline: '#8a8a8a', body: '#0072b2', wheel: '#222222', spring: '#e69f00', force: '#d55e00', ground: '#dddddd', world: '#bbbbbb' };
+const DARK = { body: '#56b4e9', wheel: '#b5b5b5', ground: '#3d4148' }, COLOURS = {};
+const coloured = () => Object.assign(COLOURS, LIGHT, /^rgb\((\d|[1-9]\d), /.test(getComputedStyle(document.body).backgroundColor) ? DARK : {});
+coloured();
 const GHOST = '#cc79a7', NEWTONS_PER_METRE = 6000;
 
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];

@@ -1,4 +1,5 @@
-"""Report of a study in Markdown: text, tables, pictures and checks, in the order in which the study adds them."""
+"""Report of a study: text, tables, pictures and checks, in the order in which the study adds them, in Markdown for the
+repository and as a page."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from mbd_sim_ros.analysis import pages
 from mbd_sim_ros.analysis.plots import STYLE
 
 COLOURS = ('#1b6ca8', '#d95f02', '#2a9d5c', '#8e44ad', '#222222', '#8c8c8c', '#b8860b', '#16a0a0', '#e377c2', '#c0392b')
@@ -19,7 +21,8 @@ DPI = 100  # pixels per inch of pictures
 
 
 class Report:
-    """The file report.md in the directory `out`. text(), table(), figure() and check() add to it; write() writes it.
+    """The files report.md and report.html in the directory `out`. text(), table(), figure() and check() add to them;
+    write() writes them.
 
     checks: entries of all check() calls so far.
     """
@@ -27,11 +30,13 @@ class Report:
     def __init__(self, out: Path, title: str) -> None:
         self.out = out
         self.checks: list[dict[str, Any]] = []
-        self._parts = [f'# {title}']
+        self._title, self._parts = title, [f'# {title}']
+        self._blocks: list[pages.Block] = []
 
     def text(self, *paragraphs: str) -> None:
         """Add paragraphs, or headings, in Markdown."""
         self._parts += paragraphs
+        self._blocks += [block for paragraph in paragraphs for block in pages.markdown(paragraph)]
 
     def table(self, name: str, rows: Sequence[Mapping[str, Any]], *, shown: bool = True) -> None:
         """Add a table of rows with the same keys: to <name>.csv with all digits and, if shown, to the report with four
@@ -42,11 +47,13 @@ class Report:
             writer.writerows(rows)
         if shown:
             self._parts.append(markdown(rows))
+            self._blocks.append(pages.table([list(rows[0]), *(list(row.values()) for row in rows)]))
 
     def figure(self, name: str, figure: Figure, caption: str) -> None:
         """Save a picture as <name>.png and show it in the report."""
         with mpl.rc_context(STYLE):
             figure.savefig(self.out / f'{name}.png', dpi=DPI)
+            self._blocks.append(pages.picture(name, figure, caption))
         self._parts.append(f'![{caption}]({name}.png)\n\n*{caption}*')
 
     def check(self, name: str, value: float, limit: float, *, least: bool = False) -> dict[str, Any]:
@@ -58,11 +65,21 @@ class Report:
         return entry
 
     def write(self) -> None:
-        """Write report.md, with all checks at its end."""
+        """Write report.md and report.html, with all checks at the end. Raises BagError."""
+        missed = [entry['name'] for entry in self.checks if not entry['met']]
         if self.checks:
             rows = [{**entry, 'met': 'yes' if entry['met'] else 'NO'} for entry in self.checks]
             self._parts += ['## Checks', markdown(rows)]
+            table = [list(rows[0]), *(list(row.values()) for row in rows)]
+            self._blocks += [pages.heading('Checks'), pages.table(table)]
         (self.out / 'report.md').write_text('\n\n'.join(self._parts) + '\n', encoding='utf-8')
+        said = f'checks not met: {", ".join(missed)}' if missed else f'all {len(self.checks)} checks are met'
+        pages.Page(
+            title=self._title,
+            verdict=said if self.checks else '',
+            ok=not missed if self.checks else None,
+            blocks=self._blocks,
+        ).write(self.out / 'report.html')
 
 
 def figure(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:

@@ -1,0 +1,1 @@
+"""Programs of others that stand in web pages, unchanged, with their licences."""
