@@ -81,8 +81,8 @@ LIGHT_BODY = Check(
     rule='rounding that penalties in the form `condensed` add to the acceleration of a body, lighter than 4e-10 '
     'of the others with the default',
     measure=light_body,
-    reason='rounding of the condensed matrix hides the inertia of {where}, which is light beside the others',
-    remedy='Give it more mass, or none where constraints determine its motion',
+    reason='the penalties are so large that rounding hides the inertia of {where}, which is light beside the others',
+    remedy='Reduce integrator.penalty, or give the body more mass, or none where constraints determine its motion',
     seen_by_twin=True,
 )
 

@@ -24,6 +24,7 @@ from solver.errors import ConsistencyError
 from solver.model.evaluate import evaluate_constraints, evaluate_forces, turning_rows
 from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
+from solver.units import shown
 from solver.vehicle.size import scale_of
 
 # Residual of a joint that counts as closed, in lengths of the model or rad; change that counts as none, in the same,
@@ -47,8 +48,9 @@ class Changes:
     moved, distance: the body whose centre of mass moved most, and by how much [m]. turned, turn: the body that turned
     most [rad]. placed_by: the cause of both. faster, velocity: the body whose centre of mass changed its velocity most
     [m/s], start.speed included. spun, rate: the body whose angular velocity changed most [rad/s]. set_by: the cause of
-    both. corrected, correction: the body whose velocity in the file was changed most [m/s or rad/s]. obstacle: a
-    sentence about a kerb or a step at the wheels, or ''. A name is '' where nothing was changed.
+    both. wheels: names of the bodies that are wheels, which turn as they are placed and spin as they roll. corrected,
+    correction: the body whose velocity in the file was changed most [m/s or rad/s]. obstacle: a sentence about a kerb
+    or a step at the wheels, or ''. A name is '' where nothing was changed.
     """
 
     kind: str
@@ -65,19 +67,24 @@ class Changes:
     corrected: str = ''
     correction: float = 0.0
     obstacle: str = ''
+    wheels: tuple[str, ...] = ()
 
     def report(self) -> dict[str, Any]:
         """The changes as an object for JSON."""
-        return asdict(self)
+        return {key: value for key, value in asdict(self).items() if key != 'wheels'}
 
     def __str__(self) -> str:
         parts = []
         if self.placed_by:
-            moved, turned = _said(self.distance, 'm', self.moved), _said(math.degrees(self.turn), 'deg', self.turned)
-            parts.append(f'{self.placed_by}: bodies moved by up to {" and ".join(filter(None, (moved, turned)))}')
+            turned = '' if self.turned in self.wheels else self.turned
+            by = [_said(self.distance, 'm', self.moved), _said(self.turn, 'rad', turned)]
+            how = f': bodies moved by up to {" and ".join(filter(None, by))}' if any(by) else ''
+            parts.append(f'{self.placed_by}{" found" if self.kind == "equilibrium" else ""}{how}')
         if self.set_by:
+            rolls = self.spun in self.wheels
             faster, spun = _said(self.velocity, 'm/s', self.faster), _said(self.rate, 'rad/s', self.spun)
-            parts.append(f'{self.set_by}: velocities changed by up to {" and ".join(filter(None, (faster, spun)))}')
+            changed = f'{self.set_by}: velocities changed by up to {" and ".join(filter(None, (faster, spun)))}'
+            parts.append('wheels spun up to the start speed' if rolls else changed)
         if self.corrected:
             parts.append(
                 f'the velocity given for {self.corrected} does not fit the constraints and was changed by '
@@ -124,11 +131,11 @@ def changes(
         found |= _largest(
             names, own * np.maximum(velocity, rate), 'corrected', 'correction', faster * min(1.0, 1.0 / length)
         )
-    return Changes(kind=kind, **found)
+    return Changes(kind=kind, wheels=tuple({tire.marker.body: None for tire in model.spec.tires}), **found)
 
 
 def _said(value: float, unit: str, body: str) -> str:
-    return f'{value:.3g} {unit} ({body})' if body else ''
+    return f'{shown(value, unit)} ({body})' if body else ''
 
 
 def _largest(

@@ -1,0 +1,34 @@
+"""Long pages have their contents at their head, and these are up to date."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+DOCS = Path(__file__).parents[2] / 'docs'
+
+
+def tool() -> ModuleType:
+    spec = importlib.util.spec_from_file_location('contents', DOCS / 'tools' / 'contents.py')
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize('page', tool().pages(), ids=lambda page: page.name)
+def test_contents_are_those_of_the_page(page: Path) -> None:
+    text = page.read_text(encoding='utf-8')
+    assert tool().render(text) == text, 'run `python docs/tools/contents.py`'
+
+
+def test_what_has_contents() -> None:
+    """Headings of a long page, none in code; a short page loses what it has; a second time nothing changes."""
+    body = ''.join(f'## Part `{k}`\n\ntext\n\n' for k in range(5)) + '```\n## none\n```\n' + 'line\n' * 160
+    page = tool().render(f'# Title\n\nIntro.\n\n{body}')
+    assert page.startswith('# Title\n\n<!-- begin contents -->\n[Part 0](#part-0) · ') and 'none](' not in page
+    assert tool().render(page) == page and page.endswith(body)
+    assert tool().render(page.replace('line\n' * 160, '')).startswith('# Title\n\nIntro.')
