@@ -98,7 +98,7 @@ def require_finite_rows(seen: Seen, simulation: Simulation) -> None:
 def warm_up(simulation: Simulation) -> None:
     """Compile what a step needs, outside of any measurement; the simulation is at its start afterwards."""
     with suppress(MbdError):  # it will fail again, where it is reported
-        simulation.advance(1, seen=simulation.seen(1, 1))
+        simulation.advance(min(2, simulation.scene.steps), seen=simulation.seen(1, 2))  # a driver is alone in one step
     simulation.reset()
 
 

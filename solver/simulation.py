@@ -16,6 +16,7 @@ from solver.engine.stepping import Stepping
 from solver.errors import SpecError, StepError
 from solver.findings import LevelReport
 from solver.inputs.assistance import Feel, feel_of
+from solver.inputs.driving import Driven
 from solver.inputs.maneuver import ManeuverSource
 from solver.inputs.recorded import RecordedSource
 from solver.inputs.sources import Sources
@@ -156,6 +157,14 @@ class Simulation:
                 )
             self._advance(n, np.empty((1, len(self._inputs))), audit, seen)
             return self.snapshot()
+        if inputs is None and self.sources.drives and n > 1:  # one alone takes less in Python, with the same bits
+            before = self.k
+            with self.sources.driven(before, n) as (rows, driven):
+                try:
+                    self._advance(n, rows, audit, seen, driven)
+                finally:
+                    self._applied = rows[: self.k - before]
+            return self.snapshot()
         if inputs is None and self.sources.step_by_step:
             rows = np.empty((n, len(self._inputs)))
             for i in range(n):
@@ -179,9 +188,11 @@ class Simulation:
             self._applied = inputs[:done] if len(inputs) == n else np.broadcast_to(inputs, (done, inputs.shape[1]))
         return self.snapshot()
 
-    def _advance(self, n: int, inputs: np.ndarray, audit: bool, seen: Seen | None) -> None:
+    def _advance(
+        self, n: int, inputs: np.ndarray, audit: bool, seen: Seen | None, driven: Driven | None = None
+    ) -> None:
         self._inputs = self._inputs.copy()  # those shown before stay as they were
-        self._follow(self.engine.advance(self.k, inputs, n, audit, self._inputs, seen))
+        self._follow(self.engine.advance(self.k, inputs, n, audit, self._inputs, seen, driven))
 
     def moved(self, moved: Moved, inputs: np.ndarray, last: np.ndarray) -> None:
         """Follow what the engine was moved by others than advance(), with rows of inputs (n, nu), or (1, nu) held; last

@@ -68,6 +68,8 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
     compiling.tell(True, loaded.model)
     simulation = simulation_of(loaded)
     simulation.advance(1, inputs=simulation.snapshot().inputs)  # compiles what a step needs before pacing starts
+    if simulation.sources.drives:
+        simulation.advance(2)  # and what the driver of a maneuver needs in several steps at once
     simulation.reset()
     return simulation.scene, simulation
 

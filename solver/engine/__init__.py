@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from solver.inputs.driver import Sight
+from solver.inputs.driving import Driven
 from solver.model.tables import Model
 from solver.output.account import Account
 from solver.output.seen import Seen
@@ -108,13 +109,21 @@ class Engine(Protocol):
         """Show the present state as step k; the account goes on."""
 
     def advance(
-        self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray, seen: Seen | None = None
+        self,
+        k: int,
+        inputs: np.ndarray,
+        n: int,
+        audit: bool,
+        last: np.ndarray,
+        seen: Seen | None = None,
+        driven: Driven | None = None,
     ) -> Moved:
         """n steps from step k on, with a row of inputs each; a single row holds for all. last (nu,): becomes the inputs
         of the last step.
 
         audit: keep the energy account, and look for branch switches where the scene asks for them. seen: takes what is
-        shown after the steps that it is to see. After a failure the
+        shown after the steps that it is to see. driven: the driver, who adds what he does to the inputs of each step.
+        After a failure the
         state is that of the last good step. Fewer steps than asked for, without a failure, are done when somebody asks
         for an end.
         """

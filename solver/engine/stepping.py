@@ -12,6 +12,7 @@ from solver.compiled.kernel import address_of
 from solver.engine import Kept, Moved, instant
 from solver.engine.bodies import Bodies
 from solver.errors import SpecError
+from solver.inputs.driving import Driven
 from solver.model.saddle import CONDENSED, new_saddle
 from solver.model.state import State, copy_state
 from solver.output.branches import BranchSwitch
@@ -23,6 +24,7 @@ from solver.start.placement import Changes
 from solver.step.adaptation import Adaptation, is_idle
 from solver.step.augmented_lagrangian import advance
 from solver.step.control import Event
+from solver.step.driven import advance_driven
 from solver.step.extrapolation import extrapolate, require_resolved_bushings, require_resolved_friction
 from solver.step.seen import advance_seen
 from solver.step.work import OK
@@ -96,7 +98,14 @@ class Stepping:
         self.shown.account.numbers[:] = kept
 
     def advance(
-        self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray, seen: Seen | None = None
+        self,
+        k: int,
+        inputs: np.ndarray,
+        n: int,
+        audit: bool,
+        last: np.ndarray,
+        seen: Seen | None = None,
+        driven: Driven | None = None,
     ) -> Moved:
         """See Engine.advance(). Every step is a call of its own while branches are looked for."""
         bodies, adaptation, held = self.shown, self.adaptation, len(inputs) == 1
@@ -108,8 +117,18 @@ class Stepping:
             if adaptation is not None:
                 result, steps = adaptation.advance(
                     bodies.states, inputs, done, part, k + done, audit, lambda k: self._look_at_rescue(k, last), seen,
-                    bodies.numbers,
+                    bodies.numbers, driven,
                 )  # fmt: skip
+            elif driven is not None:
+                every, rows = (0, bodies.numbers[None]) if seen is None else (seen.every, seen.free)
+                result, steps, taken = advance_driven(
+                    self._tables, bodies.scheme, *bodies.states, driven.driver, driven.wanted[done:], inputs[done:],
+                    part, k + done, audit, every, bodies.numbers, rows, bodies.work,
+                )  # fmt: skip
+                if seen is not None:
+                    seen.took(k + done, taken)
+                if steps % 2 == 1:
+                    bodies.states.reverse()
             elif seen is not None:
                 result, steps, taken = advance_seen(
                     self._tables, bodies.scheme, *bodies.states, inputs, done, part, k + done, audit, seen.every,

@@ -338,7 +338,7 @@ class DriverSource:
         if self.driver is not None:
             row[self._steering] = self._filter.turn(min(max(self.driver.steering(sight), -self._lock), self._lock))
         if self.speed is not None:
-            wanted, slope = self._wanted_at(k)
+            wanted, slope = self.wanted(k, 1)[0].tolist()
             h = self.h_ns * 1e-9
             drive, brake, self._kept = self.speed.torques(k * h, wanted, slope, sight.speed, self._kept, h)
             row[self._at['drive_torque']] = drive
@@ -346,14 +346,24 @@ class DriverSource:
                 row[self._at['brake_torque']] = brake
         return row
 
-    def _wanted_at(self, k: int) -> tuple[float, float]:
-        """Speed [m/s] and slope [m/s^2] that are wanted at the beginning of step k."""
-        if not 0 <= k - self._first < AHEAD or self._first < 0:
-            self._first = k
-            jet = self._target.jet(np.arange(k, k + AHEAD) * (self.h_ns * 1e-9))
-            self._wanted = np.column_stack([jet.value, jet.rate])
-        wanted, slope = self._wanted[k - self._first]
-        return float(wanted), float(slope)
+    @property
+    def lock(self) -> float:
+        """Angle of the steering wheel at its end stops [rad]."""
+        return float(self._lock)
+
+    def wanted(self, k: int, n: int) -> np.ndarray:
+        """(n, 2) speeds [m/s] and slopes [m/s^2] that are wanted at the beginning of n steps from step k on."""
+        if self.speed is None or n > AHEAD:
+            return self._sampled(k, n)
+        if not 0 <= k - self._first <= AHEAD - n or self._first < 0:
+            self._first, self._wanted = k, self._sampled(k, AHEAD)
+        return self._wanted[k - self._first : k - self._first + n]
+
+    def _sampled(self, k: int, n: int) -> np.ndarray:
+        if self.speed is None:
+            return np.zeros((n, 2))
+        jet = self._target.jet(np.arange(k, k + n) * (self.h_ns * 1e-9))
+        return np.column_stack([jet.value, jet.rate])
 
 
 class ReplaySource:

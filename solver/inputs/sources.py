@@ -3,7 +3,8 @@ behind them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from solver.errors import SpecError
 from solver.inputs.actuation import Actuation, Chain
 from solver.inputs.assistance import Assistance, Assistant, AssistedWheel, Feel
 from solver.inputs.driver import Sight
+from solver.inputs.driving import Driven, driving_of
 from solver.inputs.maneuver import DriverSource, Maneuver, source_of
 from solver.inputs.recorded import Reach, RecordedSource
 
@@ -54,6 +56,9 @@ class Sources:
             self.of_time = self.driver.open_loop  # which the driver asks, so it knows up to where a verdict has to look
         self.actuators = self.new_actuators() if actuation.actuators and not maneuver.bag else None
         self.assistant = self.new_assistant() if assistance and not maneuver.bag else None
+        self._driving = None  # the driver in compiled code, where nothing that only Python knows lies behind him
+        if self.driver is not None and self.actuators is None and self.assistant is None:
+            self._driving = driving_of(maneuver.driver, maneuver.speed, tuple(names), h_ns * 1e-9, self.driver.lock)
 
     def new_actuators(self) -> Chain:
         """Actuators at rest."""
@@ -67,6 +72,24 @@ class Sources:
     def step_by_step(self) -> bool:
         """True where the inputs of a step depend on the steps before it."""
         return any(part is not None for part in (self.driver, self.actuators, self.assistant))
+
+    @property
+    def drives(self) -> bool:
+        """True where driven() gives the inputs of many steps."""
+        return self._driving is not None
+
+    @contextmanager
+    def driven(self, k: int, n: int) -> Iterator[tuple[np.ndarray, Driven]]:
+        """(inputs (n, nu) of n steps from step k on that depend on time alone, and the driver, who adds his in compiled
+        code and advances with them)."""
+        assert self.driver is not None
+        assert self._driving is not None
+        hands = slice(0 if self.driver.driver is not None else 3, 4 if self.driver.speed is not None else 3)
+        self._driving.state[hands] = self.driver.state
+        try:
+            yield self.driver.open_loop.table(k, n), Driven(self._driving, self.driver.wanted(k, n))
+        finally:
+            self.driver.state = self._driving.state[hands].copy()
 
     def reset(self) -> np.ndarray:
         """Back to t = 0: (nu,) the inputs there."""

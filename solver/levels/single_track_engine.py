@@ -17,9 +17,10 @@ from solver.engine.stepping import KINDS
 from solver.errors import ConsistencyError, SpecError
 from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
+from solver.inputs.driving import Driven
 from solver.inputs.maneuver import ACCELERATION, RATE
 from solver.levels.track_friction import LOOK, note, varies
-from solver.levels.track_step import advance, advance_seen, start
+from solver.levels.track_step import advance, advance_driven, advance_seen, start
 from solver.levels.track_tables import (
     AXLE_COLUMNS,
     GIVE,
@@ -280,16 +281,31 @@ class SingleTrack:
         """Nothing to do: the state is shown after every step."""
 
     def advance(
-        self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray, seen: Seen | None = None
+        self,
+        k: int,
+        inputs: np.ndarray,
+        n: int,
+        audit: bool,
+        last: np.ndarray,
+        seen: Seen | None = None,
+        driven: Driven | None = None,
     ) -> Moved:
         """See Engine.advance(). On a road of varying friction the motion is looked at every LOOK."""
         # what is not finite is refused before anything is advanced
         looks = audit and self.noted and bool(np.isfinite(inputs).all())
-        piece = max(1, LOOK // self.scene.integrator.h_ns) if looks else n
+        piece = (max(1, LOOK // self.scene.integrator.h_ns) if driven is None else 1) if looks else n
         status = done = 0
         for first in range(0, n, piece):
             steps_of = self.tables, self.y, inputs, self.index, last, first, min(piece, n - first)
-            if seen is None:
+            if driven is not None:
+                every, rows = (0, self.numbers[None]) if seen is None else (seen.every, seen.free)
+                status, steps, taken = advance_driven(
+                    *steps_of[:2], *driven, *steps_of[2:], k + first, audit, self.h, self.parts, every, self.numbers,
+                    rows, self.scratch, self.frame,
+                )  # fmt: skip
+                if seen is not None:
+                    seen.took(k + first, taken)
+            elif seen is None:
                 status, steps = advance(*steps_of, audit, self.h, self.parts, self.scratch, self.frame)
             else:
                 status, steps, taken = advance_seen(

@@ -46,6 +46,7 @@ import numpy as np
 
 from solver.compiled.kernel import kernel
 from solver.compiled.select import some, where
+from solver.inputs.driving import drive
 from solver.levels.track_axle import axle_forces
 from solver.levels.track_shown import keep_account, keep_reached, show
 from solver.levels.track_tables import (
@@ -335,3 +336,24 @@ def advance_seen(t, y, inputs, index, u_before, first, count, k, audit, h, parts
                 rows[taken, i] = numbers[i]
             taken += 1
     return 0, done, taken
+
+
+@kernel(borrow=True)
+def advance_driven(
+    t, y, driver, wanted, inputs, index, u_before, first, count, k, audit, h, parts, every, numbers, rows, w, frame
+):
+    """As advance_seen(), with inputs (n, nu) to which the driver adds what he does; wanted (n, 2): speed and its slope.
+    every: 0 where no row is taken."""
+    taken = 0
+    for i in range(first, first + count):
+        side = t.mounting.axis * y[ROLL]
+        sight = frame.pose[0, 0], frame.pose[0, 1], y[YAW], y[VX] - y[YAW_RATE] * side
+        drive(driver, k + i - first, wanted[i, 0], wanted[i, 1], sight, inputs[i])
+        status, _ = advance(t, y, inputs, index, u_before, i, 1, audit, h, parts, w, frame)
+        if status != 0:
+            return 2, i - first, taken
+        if every > 0 and (k + i - first + 1) % every == 0:
+            for j in range(numbers.shape[0]):
+                rows[taken, j] = numbers[j]
+            taken += 1
+    return 0, count, taken

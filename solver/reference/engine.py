@@ -11,6 +11,7 @@ from solver.compiled.by_reference import Ref
 from solver.engine import Kept, Moved, instant
 from solver.engine.bodies import Bodies
 from solver.errors import SpecError, StepError
+from solver.inputs.driving import Driven
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces
 from solver.model.state import fill_kinematics, update_angles
 from solver.output.seen import Seen
@@ -85,7 +86,14 @@ class Following:
         return self.scene.maneuver.inputs(self.scene.model.inputs, at, at)[0]
 
     def advance(
-        self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray, seen: Seen | None = None
+        self,
+        k: int,
+        inputs: np.ndarray,
+        n: int,
+        audit: bool,
+        last: np.ndarray,
+        seen: Seen | None = None,
+        driven: Driven | None = None,
     ) -> Moved:
         """n steps of the output grid; the inputs are those of the maneuver."""
         assert self.solver is not None

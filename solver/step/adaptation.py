@@ -12,12 +12,14 @@ import numpy as np
 
 from solver.compiled import interruption
 from solver.compiled.by_reference import Ref
+from solver.inputs.driving import Driven
 from solver.model.state import State
 from solver.model.tables import Model
 from solver.output.seen import Seen
 from solver.output.snapshot import NO_STEPS
 from solver.step import control as entry
 from solver.step.control import CAUSES, KINDS, Control, Event, new_control
+from solver.step.driven import advance_driven_adapting
 from solver.step.interval import advance_adapting
 from solver.step.seen import advance_adapting_seen
 from solver.step.settings import IntegratorSettings
@@ -42,6 +44,7 @@ class Adaptation:
         self.events: list[Event] = []
         self.noted = 0  # events since start(), also those of the run that saved the state this one goes on from
         self.smallest = np.inf  # step that was changed to since then [s]
+        self._ready = False  # the driver has given the inputs of the interval that is open
         self.abandoned = False  # the last advance() left an interval again, because somebody asked for it
         self._progress, self._counts = self.values.progress, self.values.counts
 
@@ -114,19 +117,20 @@ class Adaptation:
         look: Callable[[int], None],
         seen: Seen | None = None,
         numbers: np.ndarray | None = None,
+        driven: Driven | None = None,
     ) -> tuple[StepResult, int]:
         """Advance over count intervals of the grid, from index k on, with rows first.. of inputs (n, nu); states[0] is
         the newest state afterwards.
 
         A single row of inputs holds for all. look(n) is called behind the n-th interval if a step failed in it. seen:
-        takes rows of `numbers`, of which work.arrays are views. Returns
+        takes rows of `numbers`, of which work.arrays are views. driven: adds what it does to the inputs. Returns
         (summed counters, intervals done); after a failure the state is that at the start of the interval. Fewer
         intervals than asked for are done without failure only when somebody asks for the run to stop
         (solver.compiled.interruption) and an interval takes long.
         """
         progress = self._progress
-        self.abandoned = False
-        result, done, swapped = self._call(states, inputs, first, count, k, audit, seen, numbers)
+        self.abandoned = self._ready = False
+        result, done, swapped = self._call(states, inputs, first, count, k, audit, seen, numbers, driven)
         if swapped:
             states.reverse()
         if result.status == OK and not self._counts[entry.PENDING]:
@@ -146,7 +150,9 @@ class Adaptation:
                 look(k + done)
                 if done == count:
                     return StepResult(OK, 0, total), done
-            result, n, swapped = self._call(states, inputs, first + done, count - done, k + done, audit, seen, numbers)
+            result, n, swapped = self._call(
+                states, inputs, first + done, count - done, k + done, audit, seen, numbers, driven
+            )
             done += n
             if swapped:
                 states.reverse()
@@ -161,9 +167,20 @@ class Adaptation:
         audit: bool,
         seen: Seen | None,
         numbers: np.ndarray | None,
+        driven: Driven | None,
     ) -> tuple[StepResult, int, bool]:
         """One call of compiled code; see advance_adapting()."""
         tables, scheme, control, work = self.model.tables, self.scheme, self.control, self.work
+        if driven is not None:
+            assert numbers is not None
+            every, rows = (0, numbers[None]) if seen is None else (seen.every, seen.free)
+            result, done, swapped, taken, self._ready = advance_driven_adapting(
+                tables, scheme, control, *states, driven.driver, driven.wanted, inputs, first, count, k, self._ready,
+                audit, every, numbers, rows, work,
+            )  # fmt: skip
+            if seen is not None:
+                seen.took(k, taken)
+            return result, done, swapped
         if seen is None:
             found: tuple[StepResult, int, bool] = advance_adapting(
                 tables, scheme, control, *states, inputs, first, count, k, audit, work
