@@ -56,7 +56,8 @@ NEXT = (2, 3, 4, 5, 7, 8)
 OTHER = 1.3
 DOUBLE = 'double step'
 PORTION = 100  # steps of a call
-LEADING = ('position', 'orientation', 'yaw_rate', 'lateral_acceleration', 'wheel_load')  # what a sentence names first
+# quantities that a sentence names first
+LEADING = ('position', 'orientation', 'yaw_rate', 'lateral_acceleration', 'wheel_load', 'articulation', 'reactions')
 SLACK = 2.0  # to which an estimate is right: a plan has measured the error itself
 TOO_SHORT = 'a run of one step has no twin'
 UNCONTROLLED = 'a reference integrator controls its own error'
@@ -121,7 +122,12 @@ class ErrorBar:
         said |= {worst: self.errors[worst]}
         parts = ', '.join(f'{name.replace("_", " ")} {shown(name, error)}' for name, error in said.items())
         more = f'. {self.why}' if self.why else ''
-        return f'Numerical error ({self.twin}): {parts}; the model itself is not judged{more}'
+        open_ = (
+            'model itself is'
+            if 'orientation' not in self.errors or 'reactions' in self.errors
+            else 'model and reactions are'
+        )
+        return f'Numerical error ({self.twin}): {parts}; the {open_} not judged{more}'
 
     def report(self) -> dict[str, dict[str, Any]]:
         """By quantity, as objects for JSON."""
@@ -212,11 +218,13 @@ class Twin:
             settings |= {'step_policy': 'rescue', 'h_min': h_ns * 1e-9}
         twin = s.twin(self.instants[-1] * s.h, **settings)
         self._others = [twin.snapshot().numbers]
+        # the account tells what contradicts, and which reactions are not determined
+        audit = s.scene.record.reactions or (ratio < 1.0 and self._contradicted)
         for k in self.instants[1:]:
             last = k * s.h_ns // h_ns
             while twin.k < last:
                 n = min(last - twin.k, most())
-                snapshot = twin.advance(n, audit=ratio < 1.0 and self._contradicted)
+                snapshot = twin.advance(n, audit=audit)
                 yield n
             if not snapshot.is_finite():
                 raise MbdError(f't = {twin.t_ns * 1e-9:g} s: the motion is no longer finite')

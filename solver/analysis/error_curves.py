@@ -16,6 +16,7 @@ import numpy as np
 from solver.quantities import NAMED, Quantity, lengths, names, quantity
 from solver.simulation import Simulation
 from solver.vehicle.size import size_of
+from solver.vehicle.trailer import ARTICULATION
 
 # Part of the size of a mechanism, and rad, that rounding of steps adds up to; ten times as much would hide the motion
 # of what hardly moves.
@@ -51,7 +52,12 @@ def curves_of(simulation: Simulation) -> list[Curve]:
         where = next((wheel for wheel in channels.wheels if wheel in name.split('.')), '')
         shown = '.'.join(part for part in name.split('.') if part != where)
         groups.setdefault(shown, {})[where] = quantity(name, channels, size_of(simulation.scene.model))
-    return _together([_of_vehicle(name, of) for name, of in groups.items()]) or _of_mechanism(simulation)
+    found = _together([_of_vehicle(name, of) for name, of in groups.items()])
+    if found and ARTICULATION in channels.joints:
+        angle = quantity(f'joint_states/{ARTICULATION}/position', channels)
+        found.append(_of_vehicle(ARTICULATION, {'': angle._replace(least=ORDINARY * NAMED['heading'].least)}))
+    found = found or _of_mechanism(simulation)
+    return [*found, *_of_reactions(simulation)] if simulation.scene.record.reactions else found
 
 
 def _together(curves: list[Curve]) -> list[Curve]:
@@ -139,6 +145,31 @@ def _angle(q: np.ndarray, r: np.ndarray) -> np.ndarray:
     """(...) angle of the turn between quaternions (..., 4) [rad], exact for small ones too."""
     apart = np.minimum(((q - r) ** 2).sum(-1), ((q + r) ** 2).sum(-1))
     return 4.0 * np.arcsin(np.minimum(0.5 * np.sqrt(apart), 1.0))
+
+
+def _of_reactions(simulation: Simulation) -> list[Curve]:
+    """Reactions that the constraints determine, as forces, beside the largest of them. Instants at which one of both runs
+    does not determine a reaction (solver.output.undetermined) count as none."""
+    if not (simulation.of_bodies and simulation.model.n_rows):
+        return []
+    shared = {*simulation.describe()['reactions_not_unique']}
+    used = [k for k, row in enumerate(simulation.model.row_names) if row not in shared]
+    if not used:
+        return []
+    at = np.arange(*simulation.snapshot().layout['reactions'][0].indices(len(simulation.snapshot().numbers)))[used]
+    lengths_ = simulation.bodies.work.row_length[used]
+
+    def forces(rows: np.ndarray) -> np.ndarray:
+        return rows[:, at] / lengths_
+
+    def apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.nan_to_num(np.abs(forces(a) - forces(b)))
+
+    def peaks(rows: np.ndarray) -> np.ndarray:
+        largest = float(np.nan_to_num(np.abs(forces(rows))).max())
+        return np.full(len(used), max(largest, np.finfo(float).tiny))
+
+    return [Curve('reactions', 'N', tuple(simulation.model.row_names[k] for k in used), apart, peaks)]
 
 
 def _of_mechanism(simulation: Simulation) -> list[Curve]:

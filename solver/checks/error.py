@@ -13,7 +13,8 @@ LARGEST = 0.02  # of the peak; ten times as much lets wrong runs pass, a tenth t
 FORCE = 0.1  # of the peak, of what follows from small differences; ten times as much would let forces chatter
 LIMITS = {
     **dict.fromkeys(
-        ('position', 'orientation', 'heading', 'yaw_rate', 'roll', 'pitch', 'steering_wheel_angle'), LARGEST
+        ('position', 'orientation', 'heading', 'yaw_rate', 'roll', 'pitch', 'steering_wheel_angle', 'articulation'),
+        LARGEST,
     ),
     **dict.fromkeys(
         ('longitudinal_velocity', 'sideslip_velocity', 'lateral_acceleration', 'longitudinal_acceleration'), LARGEST

@@ -236,3 +236,29 @@ def test_what_rounding_does_to_a_light_body_is_seen_by_the_twin() -> None:
     _, data = bar(text)
     assert (data['status'], data['findings'][0]['quantity']) == ('suspect', 'numerical_error')
     assert 'light_body' in [found['quantity'] for found in data['explaining']]
+
+
+@pytest.mark.parametrize('recorded', [True, False])
+def test_reactions_are_measured_where_they_are_recorded_and_else_named_as_not_judged(recorded: bool) -> None:
+    """A pendulum of 1 kg, whose reaction is unique: stated against the run with a quarter of the step, which has a
+    sixteenth of the error."""
+    keys = [f'record.reactions={str(recorded).lower()}', 'duration=1']
+    made = {}
+    for h in (0.004, 0.001):
+        run = simulation_of(load_scene('pendulum', [*keys, f'integrator.h={h}']))
+        twin = Twin(run, run.scene.steps)
+        rows = []
+        while run.k < run.scene.steps:
+            snapshot = run.advance(round(0.004 / h))
+            twin.note(snapshot)
+            rows.append(snapshot.reactions)
+        made[h] = np.array(rows), twin
+    bar = made[0.004][1].made()
+    assert ('reactions' in bar.errors) == recorded
+    assert bar.text.count('the model and reactions are not judged') == (not recorded)
+    if recorded:
+        error = bar.errors['reactions']
+        lengths = run.bodies.work.row_length
+        true = float(np.abs((made[0.004][0] - made[0.001][0]) / lengths).max()) * 16.0 / 15.0
+        assert 0.5 < error.value / true < 2.0
+        assert error.limit is None and error.unit == 'N'
