@@ -209,6 +209,9 @@ HEAD = """# Accuracy: how much of a car a question needs
 4. **Another scene of the same vehicle?** Plan that one too: a certificate holds for its maneuver and the ranges that
    it names. It goes faster, for prices of steps, derived levels and errors are kept by vehicle.
 5. **No plan at all?** The rule of thumb, and `mbd run` for the numerical error.
+6. **A smooth motion, and more digits?** `mbd info SCENE` tries order four on the scene and says whether it pays (row
+   `order four`). It does on the light car without a driver, with steps of 4 ms; on the car with bushings it does not,
+   and neither where a driver or an assistance looks once a step.
 
 What a limit means and how it is written: [scene.md](scene.md#accuracy). How plans are made and what they cost:
 decisions [0016](decisions/0016-plans.md) and [0025](decisions/0025-price-of-a-plan.md); eighteen of them:

@@ -60,6 +60,7 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.analysis.pages import write_text
     from solver import simulation_of
     from solver.analysis.figures import is_vehicle
+    from solver.analysis.order_four import order_four
     from solver.elements.curved_grid import CurvedGrid
 
     if args.scene.lower().endswith('.tir'):
@@ -92,6 +93,8 @@ def run(args: argparse.Namespace) -> Result:
         'steps': simulation.scene.steps,
         'start': simulation.start.report(),
     }
+    if not args.brief and (told := order_four(simulation)):
+        data['order_four'] = told
     tables: list[tuple[str, Rows]] = []
     lines: list[str] = []
     if simulation.level is not None:

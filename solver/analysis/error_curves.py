@@ -148,8 +148,8 @@ def _angle(q: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 
 def _of_reactions(simulation: Simulation) -> list[Curve]:
-    """Reactions that the constraints determine, as forces, beside the largest of them. Instants at which one of both runs
-    does not determine a reaction (solver.output.undetermined) count as none."""
+    """Reactions that the constraints determine, as forces, beside the largest of them. Instants at which one of both
+    runs does not determine a reaction (solver.output.undetermined) count as none."""
     if not (simulation.of_bodies and simulation.model.n_rows):
         return []
     shared = {*simulation.describe()['reactions_not_unique']}

@@ -92,9 +92,21 @@ def require_resolved_friction(model: Model, h: float) -> None:
 def require_resolved_bushings(model: Model, h: float) -> None:
     """Raise SpecError if a body that bushings hold vibrates on what acts on it by more than SHAKEN rad in a step h
     [s]."""
+    fastest, body = fastest_on_bushings(model)
+    if fastest * h > SHAKEN:
+        raise SpecError(
+            f'integrator: order = 4: body {body!r} vibrates on its bushings with {fastest:.3g} rad/s, which grows '
+            f'under extrapolation with steps of {h:g} s; it would take {SHAKEN / fastest:.2g} s, and order two is '
+            f'cheaper then: take integrator.order: 2'
+        )
+
+
+def fastest_on_bushings(model: Model) -> tuple[float, str]:
+    """(largest frequency [rad/s] with which a body that bushings hold vibrates on what acts on it, that body); 0 and
+    nothing without bushings."""
     held = sorted({m.body for spec in model.spec.bushings for m in (spec.i, spec.j)} & set(model.body_names))
     if not held:
-        return
+        return 0.0, ''
     nb, bodies = model.n_bodies, model.tables.bodies
     kin = kinematics_of(placed_configuration(model.spec.bodies), np.zeros((nb + 1, 6)))
     Kq, Kv = np.zeros((2, model.n_slots + 1, 6, 6))
@@ -109,12 +121,7 @@ def require_resolved_bushings(model: Model, h: float) -> None:
             frequency = _fastest(float(bodies.mass[b]), bodies.inertia[b], -Kq[bodies.slot[b]])
             if frequency > fastest:
                 fastest, body = frequency, name
-    if fastest * h > SHAKEN:
-        raise SpecError(
-            f'integrator: order = 4: body {body!r} vibrates on its bushings with {fastest:.3g} rad/s, which grows '
-            f'under extrapolation with steps of {h:g} s; it would take {SHAKEN / fastest:.2g} s, and order two is '
-            f'cheaper then: take integrator.order: 2'
-        )
+    return fastest, body
 
 
 def _fastest(mass: float, inertia: np.ndarray, stiffness: np.ndarray) -> float:
