@@ -40,8 +40,8 @@ LARGEST = 200_000  # bytes of a file that is shown; ten times as much is a page 
 LISTED = {  # heading of the navigation -> pages
     'Use': (
         *('docs/tutorial', 'docs/commands', 'docs/coming-from', 'docs/scene', 'docs/vehicle', 'docs/cars', 'docs/tire'),
-        *('docs/levels', 'docs/sweeps', 'docs/viewing', 'docs/comparing', 'docs/evaluating', 'bags/index'),
-        *('docs/driving', 'docs/ensembles', 'docs/native'),
+        *('docs/levels', 'docs/sweeps', 'docs/viewing', 'docs/comparing', 'docs/fitting', 'docs/evaluating'),
+        *('bags/index', 'docs/driving', 'docs/ensembles', 'docs/native'),
     ),
     'ROS and Python': ('docs/ros', 'docs/api', 'reference', 'docs/conventions'),
     'Method and evidence': (

@@ -18,7 +18,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -87,11 +87,13 @@ class Parameter:
 class Design:
     """Which cases. kind: 'grid' is every combination; the others take `samples` of the space: 'latin_hypercube',
     'sobol' (a power of two), and for indices of sensitivity 'morris' (as many trajectories) and 'saltelli' (a base of
-    as many; [Herman2017])."""
+    as many; [Herman2017]). 'samples' are those of a table, `file`: a header of keys of the scene, and a case a row, as
+    mbd fit writes its distribution."""
 
-    kind: Literal['grid', 'latin_hypercube', 'sobol', 'morris', 'saltelli'] = 'grid'
+    kind: Literal['grid', 'latin_hypercube', 'sobol', 'morris', 'saltelli', 'samples'] = 'grid'
     samples: int = 16
     seed: int = 0
+    file: str = ''
 
     def __post_init__(self) -> None:
         finite('sweep', 'samples', self.samples, low=1, high=MOST_CASES)
@@ -99,6 +101,10 @@ class Design:
         require(0 <= self.seed < 2**32, 'sweep', 'seed', self.seed, 'must be a whole number from 0 to 4294967295')
         one = self.kind == 'morris' and self.samples == 1
         require(not one, 'sweep', 'samples', self.samples, 'must be 2 at least: sigma is the spread of trajectories')
+        tabled = self.kind == 'samples'
+        require(
+            tabled == bool(self.file), 'sweep', 'file', self.file, 'goes with a design of kind samples, and only there'
+        )
         power = self.samples & (self.samples - 1) == 0
         require(
             self.kind not in ('sobol', 'saltelli') or power, 'sweep', 'samples', self.samples, 'must be a power of two'
@@ -144,15 +150,16 @@ class Sweep:
     decide their status then, or `none`."""
 
     scene: str
-    parameters: dict[str, Parameter]
     figures: dict[str, SweepFigure]
+    parameters: dict[str, Parameter] = field(default_factory=dict)
     set: tuple[str, ...] = ()
     design: Design = field(default_factory=Design)
     record: bool = False
     errors: Literal['sample', 'all', 'none'] = 'sample'
 
     def __post_init__(self) -> None:
-        require(bool(self.parameters), 'sweep', 'parameters', {}, 'must name at least one key of the scene')
+        named = bool(self.parameters) or self.design.kind == 'samples'
+        require(named, 'sweep', 'parameters', {}, 'must name at least one key of the scene')
         require(bool(self.figures), 'sweep', 'figures', {}, 'must name at least one number to keep')
         taken = {'case', 'bag', 'status', 'message', ERRORS, UNITS, *self.parameters} & self.figures.keys()
         require(not taken, 'sweep', 'figures', sorted(taken), 'is another column of the table; take another name')
@@ -182,6 +189,8 @@ class Sweep:
     @property
     def fewest(self) -> int:
         """Least number of cases: all of a grid, the samples of a design."""
+        if self.design.kind == 'samples':
+            return len(next(iter(self.parameters.values())).values)
         if self.design.kind != 'grid':
             return self.design.samples
         return math.prod(
@@ -199,8 +208,36 @@ def load_sweep(file: str | Path) -> Sweep:
     _keep_names(root)
     beside = [path.parent, path.parent.parent]
     sweep = Builder().build(Sweep, include(root, [*beside, *config_directories()]))
+    if sweep.design.kind == 'samples':
+        sweep = _tabled(sweep, beside)
     scene = find(sweep.scene, beside)
     return sweep if scene is None else replace(sweep, scene=displayed(scene))
+
+
+def _tabled(sweep: Sweep, directories: Sequence[Path]) -> Sweep:
+    """The sweep with the parameters of its table. Raises SceneError."""
+    name = sweep.design.file
+    place = find(name, directories) or Path(name)
+    lines = [line for line in read_text(place).splitlines() if line.strip()]
+    if sweep.parameters:
+        raise SceneError(f'sweep: parameters: those of {name} are in its header; remove them, or the table')
+    if len(lines) < 2:
+        raise SceneError(f'{place}: a table of samples needs a header of keys, and rows')
+    names = [name.strip() for name in lines[0].split(',')]
+    rows = []
+    for k, line in enumerate(lines[1:], 2):
+        cells = line.split(',')
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            raise SceneError(f'{place}:{k}: {line.strip()[:60]!r}: every cell must be a number') from None
+        if len(row) != len(names):
+            raise SceneError(f'{place}:{k}: {len(row)} cells, but the header has {len(names)}')
+        rows.append(row)
+    if len(set(names)) < len(names):
+        raise SceneError(f'{place}:1: a key stands twice in the header')
+    columns = zip(*rows, strict=True)
+    return replace(sweep, parameters={n: Parameter(values=tuple(c)) for n, c in zip(names, columns, strict=True)})
 
 
 def _keep_names(root: Node) -> None:
@@ -215,6 +252,9 @@ def _keep_names(root: Node) -> None:
         value for one in described if isinstance(one, MappingNode) for key, value in one.value if key.value == 'values'
     ]
     texts = [item for value in taken if isinstance(value, SequenceNode) for item in value.value]
+    design = entries.get('design')
+    if isinstance(design, MappingNode):
+        texts += [value for key, value in design.value if key.value == 'file']
     for node in (entries.get('scene'), *texts):
         if node is not None and names_file(node):
             node.style = "'"
@@ -225,6 +265,10 @@ def cases(sweep: Sweep) -> list[dict[str, float | str]]:
     needed."""
     names, parameters = list(sweep.parameters), list(sweep.parameters.values())
     design = sweep.design
+    if design.kind == 'samples':
+        if sweep.fewest > MOST_CASES:
+            raise SceneError(f'sweep: the table has {sweep.fewest} rows, more than {MOST_CASES}; take fewer')
+        return [dict(zip(names, row, strict=True)) for row in zip(*(p.values for p in parameters), strict=True)]
     if design.kind == 'grid':
         if sweep.fewest > MOST_CASES:
             raise SceneError(

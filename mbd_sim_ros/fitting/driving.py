@@ -1,0 +1,175 @@
+"""A window of a recording, driven: the steering is a prescribed motion, the speed is followed or torques act."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from mbd_sim_ros.fitting.car import Car, begin
+from mbd_sim_ros.fitting.file import Drive
+from mbd_sim_ros.fitting.recordings import Data, Track, Window
+from solver.elements.tire_pacejka import TIRE_COLUMNS
+from solver.errors import SpecError, StepError
+from solver.inputs.signals import Jet, smooth_step
+from solver.simulation import Simulation
+
+CHUNK = 10  # steps between samples
+FOLLOW = 4.0  # 1/s of the speed control of a passenger car; ten times as much oscillates with the samples
+INTEGRAL = 2.0  # 1/s^2 of the same
+SMOOTHER = 0.04  # s: half width of the mean by which steering and speed are smoothed, of a passenger car
+EASE = (
+    0.8  # s in which the steering comes from straight ahead into the recording, of a passenger car: a third of a run-in
+)
+COLUMNS = 12 + 7 + 4  # imu, twist, pose of the chassis, spins of the wheels
+
+
+@dataclass(frozen=True)
+class Steering:
+    """Nuisances of the measured steering: the car steers gain (channel(t + delay) + offset), lag [s] behind."""
+
+    delay: float = 0.0
+    gain: float = 1.0
+    offset: float = 0.0
+    lag: float = 0.0
+
+
+class Inputs:
+    """The inputs of a window, on the steps and samples of the simulation."""
+
+    def __init__(self, data: Data, drive: Drive, window: Window, car: Car) -> None:
+        self.window, self.car, self.h = window, car, car.h
+        self.dt = CHUNK * car.h
+        self.chunks = int((window.last - window.begin) / self.dt)
+        self.t = self.dt * np.arange(self.chunks + 1)  # from the begin of the window
+        half = SMOOTHER * car.size.time
+        names = drive.road_wheel or (drive.steering_wheel,)
+        tracks = [_smoothed(data.tracks[name], half) for name in names]
+        grid = tracks[0].t
+        angle = drive.scale * np.mean([np.interp(grid, one.t, one.y) for one in tracks], axis=0)
+        self._steering = _spline(grid, angle)
+        self._ends = float(grid[0]), float(grid[-1])
+        speed = _smoothed(data.tracks[drive.speed], half)
+        spline = _spline(speed.t, speed.y)
+        at = np.clip(window.begin + self.t, speed.t[0], speed.t[-1])
+        self.speed, self.slope = spline(at), spline(np.clip(at + 0.5 * self.dt, speed.t[0], speed.t[-1]), 1)
+        self.followed = not (drive.drive_torque or drive.brake_torque)
+        middle = window.begin + self.h * (np.arange(self.chunks * CHUNK) + 0.5)
+        self.torques = [
+            np.interp(middle, data.tracks[name].t, data.tracks[name].y) if name else np.zeros(middle.size)
+            for name in (drive.drive_torque, drive.brake_torque)
+        ]
+
+    def steering(self, known: Steering) -> np.ndarray:
+        """(steps, 3) angle, rate and acceleration of the steering wheel at the ends of all steps."""
+        ends = self.window.begin + self.h * np.arange(1, self.chunks * CHUNK + 1)
+        at = np.clip(ends + known.delay, *self._ends)
+        inside = (at > self._ends[0]) & (at < self._ends[1])
+        angle, rate, acceleration = (self._steering(at, k) for k in range(3))
+        rate, acceleration = np.where(inside, rate, 0.0), np.where(inside, acceleration, 0.0)
+        angle = angle + known.offset
+        if known.lag > 0.0:
+            angle, rate, acceleration = _lagged(angle, rate, self.h, known.lag)
+        angle, rate, acceleration = (known.gain * one for one in (angle, rate, acceleration))
+        if self.car.road_map is not None:
+            x, y = np.array(self.car.road_map.points).T
+            most = float(np.abs(angle).max())
+            if not x[0] <= angle.min() <= angle.max() <= x[-1]:
+                raise SpecError(
+                    f'recording {self.window.recording!r}: the road wheels turn by {most:.3g} rad, beyond the '
+                    f'{x[-1]:.3g} rad of the vehicle; is the unit of the channel right?'
+                )
+            jet = CubicSpline(x, y)
+            first, second = jet(angle, 1), jet(angle, 2)
+            angle, rate, acceleration = jet(angle), first * rate, first * acceleration + second * rate * rate
+        lock = self.car.lock or 20.0
+        if np.abs(angle).max() > 1.001 * lock:
+            raise SpecError(
+                f'recording {self.window.recording!r}: the steering wheel turns by {np.abs(angle).max():.3g} rad, '
+                f'beyond its {lock:.3g} rad; is the unit of the channel right, or is it the angle of the road wheels?'
+            )
+        begin_ = smooth_step(ends - self.window.begin, 0.0, EASE * self.car.size.time)
+        eased = begin_.times(Jet(angle, rate, acceleration))
+        return np.column_stack(eased)
+
+
+def drive(simulation: Simulation, inputs: Inputs, known: Steering) -> np.ndarray:
+    """(samples, COLUMNS) motion of the chassis and spins of the wheels in a window. Raises StepError."""
+    names = simulation.model.spec.inputs if hasattr(simulation.model, 'spec') else simulation.channels.inputs
+    columns = [names.index(n) for n in ('steering', 'steering_rate', 'steering_acceleration')]
+    power, brake = names.index('drive_torque'), names.index('brake_torque')
+    u = np.zeros((inputs.chunks * CHUNK, len(names)))
+    u[:, columns] = inputs.steering(known)
+    u[:, power], u[:, brake] = inputs.torques
+    chassis = simulation.channels.chassis or 0
+    lever = _lever(simulation)
+    time = inputs.car.size.time
+    follow, integral = FOLLOW / time, INTEGRAL / time**2
+    first = max(float(inputs.speed[0]), 0.05 * inputs.car.speed)
+    begin(simulation, first)
+    spin = TIRE_COLUMNS.index('spin')
+    rows = np.empty((inputs.chunks + 1, COLUMNS))
+    kept = 0.0
+    shot = simulation.snapshot()
+    for k in range(inputs.chunks + 1):
+        row = rows[k]
+        row[:6], row[6:12], row[12:19] = shot.imu, shot.twist[chassis], shot.pose[chassis]
+        wheels = shot.tire[:, spin] if shot.tire.shape[0] == 4 else np.zeros(4)
+        row[19:] = wheels
+        if k == 0:  # what is shown is still the start
+            row[19:] *= first / row[6]
+            row[6] = first
+        if k == inputs.chunks:
+            break
+        if inputs.followed:
+            error = inputs.speed[k] - row[6]
+            kept += integral * inputs.dt * error
+            torque = lever * (inputs.slope[k] + follow * error + kept)
+            rest = slice(k * CHUNK, (k + 1) * CHUNK)
+            u[rest, power], u[rest, brake] = max(torque, 0.0), max(-torque, 0.0)
+        shot = simulation.advance(CHUNK, u[k * CHUNK : (k + 1) * CHUNK], audit=False)
+    if not np.isfinite(rows).all() or np.abs(rows[:, 9:12]).max() > 50.0 / time:
+        raise StepError(f'recording {inputs.window.recording!r}: the vehicle turns over or spins without end')
+    return rows
+
+
+def _lever(simulation: Simulation) -> float:
+    """Torque at the wheels per acceleration of the vehicle [N m s^2/m]."""
+    mass = sum(body.mass for body in simulation.scene.model.bodies)
+    pose, spin = simulation.snapshot(), TIRE_COLUMNS.index('spin')
+    if pose.tire.shape[0] == 4 and abs(pose.tire[:, spin].mean()) > 0.0:
+        return float(mass * abs(pose.twist[simulation.channels.chassis or 0, 0] / pose.tire[:, spin].mean()))
+    return float(mass * 0.3)
+
+
+def _smoothed(track: Track, half: float) -> Track:
+    """A signal as means over 2 `half` around each of its samples; one sampled so coarsely stays."""
+    keep = np.concatenate([[True], np.diff(track.t) > 1e-6])
+    t, y = track.t[keep], track.y[keep]
+    low, high = np.searchsorted(t, t - half), np.searchsorted(t, t + half, side='right')
+    even = np.minimum(np.arange(t.size) - low, high - 1 - np.arange(t.size))  # as many on either side
+    at = np.arange(t.size)
+    total = np.concatenate([[0.0], np.cumsum(y - y.mean())])
+    return Track(t, (total[at + even + 1] - total[at - even]) / (2 * even + 1) + y.mean())
+
+
+def _spline(t: np.ndarray, y: np.ndarray) -> CubicSpline:
+    """Cubic spline; of samples that lie closer than 5 ms together every one of these."""
+    keep = [0]
+    for k in range(1, t.size):
+        if t[k] - t[keep[-1]] > 1e-4:
+            keep.append(k)
+    return CubicSpline(t[keep], y[keep], bc_type='natural')
+
+
+def _lagged(angle: np.ndarray, rate: np.ndarray, h: float, lag: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angle that follows another one with a lag of first order: exact for steps in which it is linear."""
+    from scipy.signal import lfilter
+
+    decay = np.exp(-h / lag)
+    # x_{k+1} = decay x_k + (1 - decay) u_k + (h - lag (1 - decay)) rate_k, u linear in the step
+    forced = (1.0 - decay) * (angle - h * rate) + (h - lag * (1.0 - decay)) * rate
+    found = lfilter([1.0], [1.0, -decay], forced, zi=np.array([decay * angle[0]]))[0]
+    speed = (angle - found) / lag
+    return found, speed, (rate - speed) / lag

@@ -1,0 +1,300 @@
+"""The fit: nuisances alone, then all, with weights from the residuals; intervals; judged by recordings held out.
+
+1. The vehicle as it is given: only steering and sensors are fitted. Its error on what is held out is that *before*.
+2. All unknowns, three times: from the second time on the residuals are weighted by their own noise and discrepancy.
+3. The covariance is that of the weights, and no smaller than that of a bootstrap over windows: a fit whose residuals
+   are not what the weights say scatters more.
+4. What is held out is driven by the result. A result that predicts it worse is refused.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbd_sim_ros.fitting.foresight import Told, require_told, told_by
+from mbd_sim_ros.fitting.foresight import preflight as look_ahead
+from mbd_sim_ros.fitting.noise import Noise, estimated
+from mbd_sim_ros.fitting.problem import Problem
+from mbd_sim_ros.fitting.screen import screen
+from mbd_sim_ros.fitting.solve import Found, descend
+from solver.errors import BagError, SpecError, StepError
+
+ROUNDS = (
+    2  # fits with weights from the residuals of the one before: the sum of squares of a third one is the same to 1e-4
+)
+RECENTRED = 6  # times that a level is derived anew; ten times as many would wait for what does not converge
+SAME = 0.3  # of the least sd of an unknown, the others held: by which a result may move from where it was derived
+REPLICATES = 1000  # of the bootstrap: an sd to 2 %
+WORSE = 1.02  # of the weighted error on what is held out: from there on a result predicts it worse
+FARTHEST = 4.0  # sd of what is known before, from which recordings are those of another car
+SPREAD = 1.0  # sd of the classes by which further starts lie about the first
+Say = Callable[[str], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """A parameter: value, 95 % interval, sd; sd of the bootstrap over that of the weights; whether the recordings tell
+    it."""
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    sd: float
+    bootstrap: float
+    told: bool
+    sought: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Fitted:
+    """A fit. x: the vector. covariance: of it. estimates: of all unknowns. held_out: by channel the RMS of the error,
+    and that before. before: the vector with which that was made."""
+
+    problem: Problem
+    x: np.ndarray
+    before: np.ndarray
+    covariance: np.ndarray
+    estimates: tuple[Estimate, ...]
+    noise: dict[str, Noise]
+    held_out: dict[str, dict[str, float]]
+    preflight: Told
+    cost: float
+    starts: tuple[float, ...]
+    found: Found
+
+    @property
+    def parameters(self) -> dict[str, Estimate]:
+        """The parameters of the file, by name."""
+        return {one.name: one for one in self.estimates if one.sought}
+
+    def samples(self, count: int, seed: int) -> np.ndarray:
+        """(count, n) vectors from the distribution of the result, within bounds."""
+        random = np.random.default_rng(seed)
+        drawn = random.multivariate_normal(self.x, self.covariance, count, method='eigh')
+        return np.clip(drawn, *self.problem.bounds)
+
+
+def fit(problem: Problem, out: str | Path | None = None, *, say: Say = lambda text: None) -> Fitted:
+    """Fit a problem. out: directory in which runs are kept until the result is there: a fit that was killed goes on.
+    Raises MbdError, one sentence: what is refused, and why."""
+    try:
+        return _fit(problem, out, say)
+    finally:
+        problem.close()
+
+
+def _fit(problem: Problem, out: str | Path | None, say: Say) -> Fitted:
+    problem.require_enough()
+    if out is not None:
+        problem.remember(Path(out) / 'runs')
+    which, kept_out = problem.of('fit'), problem.of('held_out')
+    problem.linearize(problem.start)
+    say('looking at the recordings beside the vehicle')
+    screen(problem)
+    alone = np.array([u.of != 'vehicle' for u in problem.unknowns])
+    say('steering and sensors alone')
+    first = descend(problem, problem.start, which, alone, say, 0.1)
+    before_held = problem.residuals(first.x, kept_out)
+    everything = np.ones(len(problem.unknowns), bool)
+    say('derivatives by all unknowns')
+    J = problem.jacobian(first.x, which, first.motions, central=False)
+    told = look_ahead(problem, first.x, advise=False, J=J)
+    try:
+        require_told(told)
+    except SpecError:
+        say('which maneuvers would tell more')
+        require_told(look_ahead(problem, first.x, J=J))
+    starts: list[np.ndarray | Found] = [first._replace(J=J), *_starts(problem, first.x)]
+    minima = []
+    for k, begin in enumerate(starts):
+        say(f'all unknowns, start {k + 1} of {len(starts)}')
+        problem.reset_noise()
+        minima.append(descend(problem, begin, which, everything, say))
+    best = min(minima, key=lambda one: one.cost)
+    for k in range(ROUNDS):
+        say(f'weights from the residuals, {k + 1} of {ROUNDS}')
+        problem.set_noise(noise_of(problem, best.r, which))
+        best = descend(problem, best, which, everything, say)
+    if problem.file.level == 'single_track':
+        best = _recentred(problem, best, which, everything, say)
+    covariance, ratio = covariance_of(problem, best)
+    estimates = _estimates(problem, best, covariance, ratio)
+    _require_this_car(problem, best, covariance)
+    held = problem.residuals(best.x, kept_out)
+    held_out = judged(problem, held, before_held, kept_out)
+    require_better(held_out, problem)
+    return Fitted(
+        problem, best.x, first.x, covariance, estimates, dict(problem.noise), held_out, told, best.cost,
+        tuple(one.cost for one in minima), best,
+    )  # fmt: skip
+
+
+def _recentred(problem: Problem, best: Found, which: list[int], free: np.ndarray, say: Say) -> Found:
+    """The minimum of a level that is linear in its numbers, derived anew there until it is where it was derived."""
+    for _ in range(RECENTRED):
+        say('deriving the level at the result')
+        problem.linearize(best.x)
+        found = descend(problem, best.x, which, free, say)
+        W = problem.white(found.J, which)
+        sd = 1.0 / np.sqrt(np.diag(W.T @ W + np.diag(problem.prior + 1e-12)))
+        moved = float(np.max(np.abs(found.x - best.x) / sd))
+        best = found
+        if moved < SAME:
+            return best
+    raise StepError(
+        'level: the fit at level single_track does not come to rest where its tables were derived; take full or kc'
+    )
+
+
+def _starts(problem: Problem, x: np.ndarray) -> list[np.ndarray]:
+    """Further starts: the parameters moved by what their classes scatter."""
+    random = np.random.default_rng(problem.file.seed)
+    low, high = problem.bounds
+    sought = np.array([u.sought for u in problem.unknowns])
+    scale = np.array([min(u.sd / u.width, SPREAD) for u in problem.unknowns])
+    found = []
+    for _ in range(problem.file.starts - 1):
+        moved = x + np.where(sought, random.uniform(-1.0, 1.0, x.size) * scale, 0.0)
+        found.append(np.clip(moved, low, high))
+    return found
+
+
+def noise_of(problem: Problem, r: np.ndarray, which: list[int]) -> dict[str, Noise]:
+    """Noise and discrepancy of all channels from residuals."""
+    found = {}
+    for name, pieces in problem.split(r, which).items():
+        size = float(np.std(np.concatenate([p.y for p in problem.pieces if p.channel == name])))
+        found[name] = estimated(pieces, 1e-4 * size)
+    return found
+
+
+def covariance_of(problem: Problem, found: Found) -> tuple[np.ndarray, np.ndarray]:
+    """(covariance of the vector, by which factor the bootstrap over windows widened each sd).
+
+    The bootstrap ([Efron1993]) takes windows with replacement, weighs gradient and information of each as often as it
+    was drawn, draws what is known before anew, and makes one step of Gauss-Newton: what a fit to these windows
+    would find. It sees correlations within windows whatever the weights say of them. With few windows it sees
+    little; its sd is multiplied by the quantile of Student's t over the normal one for as many.
+    """
+    which, prior = problem.of('fit'), problem.prior
+    W, r = problem.white(found.J, which), problem.white(found.r, which)
+    rows = problem.rows_of(which)
+    H = np.array([W[rows == k].T @ W[rows == k] for k in which])
+    g = np.array([W[rows == k].T @ r[rows == k] for k in which])
+    whole = np.linalg.inv(H.sum(axis=0) + np.diag(prior + 1e-12))
+    random = np.random.default_rng(problem.file.seed)
+    n, count = len(problem.unknowns), len(which)
+    steps = np.empty((REPLICATES, n))
+    root = np.sqrt(prior)
+    pull = prior * found.x
+    balance = g.sum(axis=0) - pull  # nearly zero in a minimum, but at bounds
+    for k in range(REPLICATES):
+        times = random.multinomial(count, np.full(count, 1.0 / count))
+        A = np.tensordot(times, H, 1) + np.diag(prior + 1e-12)
+        b = times @ g - pull - balance + root * random.standard_normal(n)
+        steps[k] = np.linalg.solve(A, b)
+    from scipy.stats import t as student
+
+    centred = steps - np.median(steps, axis=0)
+    # half the distance of the quantiles of one sd: a replicate with next to no information does not count
+    low, high = np.quantile(centred, [0.1587, 0.8413], axis=0)
+    scale = float(student.ppf(0.975, max(count - 1, 1))) / 1.96
+    spread = 0.5 * (high - low) * scale
+    sd = np.sqrt(np.diag(whole))
+    factor = np.maximum(1.0, spread / sd)
+    return whole * np.outer(factor, factor), factor
+
+
+def _estimates(problem: Problem, found: Found, covariance: np.ndarray, ratio: np.ndarray) -> tuple[Estimate, ...]:
+    which = problem.of('fit')
+    rows = {row.name: row for row in told_by(problem.white(found.J, which), problem.prior, problem.unknowns)}
+    estimates = []
+    for j, u in enumerate(problem.unknowns):
+        value, sd = u.centre + u.width * float(found.x[j]), u.width * math.sqrt(covariance[j, j])
+        told = rows[u.name].alone * ratio[j] < (u.sd if math.isfinite(u.sd) else u.width) if u.sought else (
+            sd < 0.7 * u.sd
+        )  # fmt: skip
+        estimates.append(
+            Estimate(
+                u.name, u.unit, value, value - 1.96 * sd, value + 1.96 * sd, sd, float(ratio[j]), bool(told), u.sought
+            )
+        )
+    return tuple(estimates)
+
+
+def _require_this_car(problem: Problem, found: Found, covariance: np.ndarray) -> None:
+    """Refuse a result that contradicts what is known before, or lies at a bound. Raises BagError."""
+    low, high = problem.bounds
+    away = [
+        (abs(found.x[j]) * u.width / u.sd, u) for j, u in enumerate(problem.unknowns) if math.isfinite(u.sd)
+    ]  # fmt: skip
+    if away:
+        far, u = max(away, key=lambda one: one[0])
+        if far > FARTHEST:
+            value = u.centre + u.width * float(found.x[problem.names.index(u.name)])
+            if u.of == 'vehicle':
+                raise BagError(
+                    f'recordings: they want {u.name} = {value:.4g} {u.unit}, {far:.2g} standard deviations from the '
+                    f'{u.centre:.4g} that is known: they are those of another car, or the prior is wrong'
+                )
+            raise BagError(
+                f'recordings: they want {u.name} = {value:.3g} {u.unit}, {far:.2g} standard deviations from the '
+                f'{u.centre:g} of such a sensor: mend the recording, or say so in the file of the fit'
+            )
+    for j, u in enumerate(problem.unknowns):
+        if u.sought and (found.x[j] <= low[j] + 1e-6 or found.x[j] >= high[j] - 1e-6):
+            value = u.centre + u.width * float(found.x[j])
+            raise BagError(
+                f'recordings: {u.name} comes to its bound {value:.4g} {u.unit}: they are those of another car, or the '
+                'bound is wrong'
+            )
+
+
+def judged(problem: Problem, after: np.ndarray, before: np.ndarray, which: list[int]) -> dict[str, dict[str, float]]:
+    """By channel: RMS of the residuals on what is held out, and before."""
+    rms = [
+        {name: float(np.sqrt(np.mean(np.concatenate([v for _, v in pieces]) ** 2)))
+         for name, pieces in problem.split(r, which).items() if pieces}
+        for r in (after, before)
+    ]  # fmt: skip
+    return {name: {'rms': value, 'before': rms[1][name]} for name, value in rms[0].items()}
+
+
+def require_better(held_out: dict[str, dict[str, float]], problem: Problem) -> None:
+    """Refuse a result that predicts what is held out worse than the vehicle before, by the mean of the logarithms over
+    the channels. Raises StepError."""
+    gain = np.mean([math.log(max(one['rms'], 1e-300) / max(one['before'], 1e-300)) for one in held_out.values()])
+    if gain > math.log(WORSE):
+        name, one = max(held_out.items(), key=lambda item: item[1]['rms'] / item[1]['before'])
+        raise StepError(
+            f'the result predicts the recordings held out worse than the vehicle it began with: {name} to '
+            f'{one["rms"]:.3g} instead of {one["before"]:.3g}: nothing is written; are all '
+            'recordings those of one car in one state?'
+        )
+
+
+def report(fitted: Fitted) -> dict[str, Any]:
+    """As an object of JSON."""
+    return {
+        'parameters': {
+            name: {'value': e.value, 'low': e.low, 'high': e.high, 'told': e.told, 'sd': e.sd, 'unit': e.unit,
+                   'bootstrap': e.bootstrap}
+            for name, e in fitted.parameters.items()
+        },
+        'nuisances': {
+            e.name: {'value': e.value, 'low': e.low, 'high': e.high, 'unit': e.unit}
+            for e in fitted.estimates if not e.sought
+        },
+        'held_out': fitted.held_out,
+        'noise': {name: n._asdict() for name, n in fitted.noise.items()},
+        'cost': fitted.cost, 'starts': list(fitted.starts), 'runs': fitted.problem.runs,
+        'left_out': fitted.problem.told,
+    }  # fmt: skip

@@ -1,0 +1,538 @@
+"""A fit as a problem of least squares: unknowns with what is known of them, residuals of all windows, their
+derivatives."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, wait
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbd_sim_ros import interrupts
+from mbd_sim_ros.fitting import recordings, sensors
+from mbd_sim_ros.fitting.car import CONSTANTS, SHORT, Car
+from mbd_sim_ros.fitting.driving import COLUMNS, Inputs, Steering, drive
+from mbd_sim_ros.fitting.file import CLASS, FitFile, Known, load_file, number_of, sd_of
+from mbd_sim_ros.fitting.noise import Noise, whitened
+from mbd_sim_ros.fitting.recordings import Data, Window
+from mbd_sim_ros.fitting.sensors import KINDS, Sensor
+from solver.disk import Store, digest, sources
+from solver.errors import BagError, MbdError, SpecError
+from solver.validate import require
+
+STEP = 0.05  # of a difference, in widths; measured: docs/fitting.md
+SLOWEST = 3.0  # m/s of a passenger car: windows with a lower speed are left out
+LEAST_SECONDS = 20.0  # of windows to be fitted, of a passenger car
+STEERING = ('delay', 'gain', 'offset', 'lag')
+SENSOR = ('delay', 'gain', 'offset', 'lever_x', 'lever_y', 'mounting')
+
+
+@dataclasses.dataclass(frozen=True)
+class Unknown:
+    """A number that is estimated. name: as in the file and the results. of: 'vehicle', 'steering' or a channel. part:
+    which one of it. centre, sd: what is known of it before, an infinite sd where nothing is. width: its scale. sought:
+    a parameter of the file; others are there because they are uncertain."""
+
+    name: str
+    of: str
+    part: str
+    centre: float
+    sd: float
+    width: float
+    low: float = -math.inf
+    high: float = math.inf
+    unit: str = ''
+    sought: bool = False
+
+    @property
+    def runs(self) -> bool:
+        """True where another value needs other runs."""
+        return self.of in ('vehicle', 'steering')
+
+
+class Job(NamedTuple):
+    """Windows to be driven. car, steering: numbers. centre: of a level that is linear in them."""
+
+    car: dict[str, float]
+    steering: Steering
+    which: tuple[int, ...]
+    centre: str
+
+    @property
+    def key(self) -> str:
+        """All that the motions depend on, beside recordings and sources."""
+        return repr((sorted(self.car.items()), self.steering, self.which, self.centre))
+
+
+class Memory:
+    """Motions that were driven already, on disk: a fit that was killed goes on with them."""
+
+    def __init__(self, directory: Path, identity: str) -> None:
+        self._store, self._identity = Store(directory), identity
+
+    def read(self, key: str) -> np.ndarray | None:
+        """The motions of a job, None where there are none."""
+        name = digest(key).hex()
+        content = self._store.read(name, self._identity, key)
+        return None if content is None else np.frombuffer(content).reshape(-1, COLUMNS)
+
+    def write(self, key: str, rows: np.ndarray) -> None:
+        """Keep the motions of a job; on a full disk they are not kept."""
+        with suppress(OSError):
+            self._store.write(digest(key).hex(), np.ascontiguousarray(rows).tobytes(), self._identity, key)
+
+
+class Piece(NamedTuple):
+    """Samples of a channel in a window: t [s] from its begin, values."""
+
+    window: int
+    channel: str
+    t: np.ndarray
+    y: np.ndarray
+
+
+def load(file: str | Path, *, workers: int = 0) -> Problem:
+    """The problem of a fit file. workers: processes for runs; 0: in this one. Raises MbdError, one sentence."""
+    path = Path(file)
+    if not path.is_file():
+        raise SpecError(f'{path}: no such file; a fit needs a file (docs/fitting.md)')
+    return Problem(load_file(path), path.parent, workers=workers)
+
+
+class Problem:
+    """See the module. windows: all, also those held out. unknowns: in the order of a vector x, in widths from their
+    centres. noise: by channel."""
+
+    def __init__(
+        self, file: FitFile, home: Path, *, workers: int = 0, data: Sequence[Data] | None = None, car: Car | None = None
+    ) -> None:
+        self.file, self.home = file, home
+        self.car = Car(file, home) if car is None else car
+        size = self.car.size
+        self.kinds = {name: sensors.require_kind(name) for name in file.channels}
+        self.data = {one.name: one for one in (self._read() if data is None else data)}
+        slowest = SLOWEST * size.speed if file.windows.slowest is None else file.windows.slowest
+        self.windows = [
+            w for one in self.data.values() for w in recordings.windows(one, file.drive, file.windows, slowest)
+        ]
+        self.told = [line for one in self.data.values() for line in one.told]
+        self.inputs = [Inputs(self.data[w.recording], file.drive, w, self.car) for w in self.windows]
+        self.dt = self.inputs[0].dt if self.inputs else 10.0 * self.car.h
+        self.pieces = self._pieces()
+        self.unknowns = self._unknowns()
+        self.names = [u.name for u in self.unknowns]
+        self._factors: dict[tuple[int, str], np.ndarray] = {}
+        self.reset_noise()
+        self._pool: ProcessPoolExecutor | None = None
+        self._workers = workers
+        self.runs = 0  # simulations of all windows so far
+        self.memory: Memory | None = None
+
+    # -- what is given ------------------------------------------------------------------------------------------------
+
+    def _read(self) -> list[Data]:
+        file, found = self.file, []
+        needed = list(dict.fromkeys((*file.drive.channels, *(c.channel for c in file.channels.values()))))
+        for name, one in file.recordings.items():
+            place = self.home / one.file if not Path(one.file).is_absolute() else Path(one.file)
+            if not place.exists():
+                raise BagError(f'recordings.{name}.file = {one.file}: no such file or directory beside the fit')
+            names = one.mapping or file.mapping
+            found.append(recordings.load(name, one, place, self.home / names if names else None, needed))
+        return found
+
+    def require_enough(self) -> None:
+        """Refuse a fit without recordings that are held out, or with too little to fit. Raises BagError."""
+        if not any(one.use == 'held_out' for one in self.file.recordings.values()):
+            raise BagError(
+                'recordings: none is held out, so nothing would judge the result; write use: held_out under one that '
+                'the fit does not see'
+            )
+        for use in ('fit', 'held_out'):
+            seconds = sum(w.last - w.first for w in self.windows if w.use == use)
+            least = LEAST_SECONDS * self.car.size.time * (1.0 if use == 'fit' else 0.25)
+            if seconds < least:
+                what = 'to fit' if use == 'fit' else 'held out'
+                raise BagError(
+                    f'recordings: {seconds:.3g} s are left {what}, and {least:.3g} s are needed; give longer '
+                    'recordings, or shorter windows' + _why(self.told)
+                )
+
+    def _pieces(self) -> list[Piece]:
+        found = []
+        for k, window in enumerate(self.windows):
+            begin = window.begin
+            for name, channel in self.file.channels.items():
+                track = self.data[window.recording].tracks[channel.channel]
+                keep = (track.t >= window.first) & (track.t <= window.last - 0.0)
+                t, y = _means(track.t[keep] - begin, track.y[keep], self.dt)
+                inside = t <= self.inputs[k].t[-1]
+                if inside.sum() >= 4:
+                    found.append(Piece(k, name, t[inside], y[inside]))
+        return found
+
+    def _unknowns(self) -> list[Unknown]:
+        file, car, found = self.file, self.car, list[Unknown]()
+        taken: dict[str, str] = {}
+        for name, known in file.parameters.items():
+            number = car.number(name)
+            for key in number.keys:
+                if key in taken:
+                    raise SpecError(
+                        f'parameters: {name} and {taken[key]} are both {key} of the vehicle; keep one of them'
+                    )
+                taken[key] = name
+            found.append(self._number(name, known, sought=True))
+        constants: dict[str, Known] = {}
+        if isinstance(file.constants, Mapping):
+            constants = {name: Known(sd=CLASS) for name in CONSTANTS} if not file.constants else dict(file.constants)
+        for name, known in constants.items():
+            if file.loads is not None and name in ('mass', 'center_x'):
+                continue
+            if not any(key in taken for key in car.number(name).keys) and known.sd is not None:
+                unknown = self._number(name, known, sought=False)
+                found += [unknown] if unknown.sd > 0.0 else []
+        found += self._steering()
+        for name in file.channels:
+            found += self._sensor(name)
+        return found
+
+    def _number(self, name: str, known: Known, *, sought: bool) -> Unknown:
+        number, own, of_class = self.car.number(name), self.car.value(name), self.car.class_sd(name)
+        if self.file.loads is not None and set(number.keys) & {'chassis.mass', 'chassis.com.0'}:
+            raise SpecError(f'parameters: {name}: the measured loads of the axles give it; remove one of both')
+        unit = number.unit or ''
+        centre = own if known.value is None else number_of(known.value, f'parameters: {name}: value', unit)
+        sd = sd_of(known, f'parameters: {name}', centre, unit, of_class)
+        low = -math.inf if known.low is None else known.low
+        high = math.inf if known.high is None else known.high
+        if own > 0.0 and number.relative:
+            low, high = max(low, 0.02 * own), min(high, 10.0 * max(own, centre))
+        if not low < centre < high:
+            raise SpecError(
+                f'parameters: {name}: the known value {centre:g} lies outside of its bounds {low:g} and {high:g}'
+            )
+        return Unknown(name, 'vehicle', name, centre, sd, of_class, low, high, unit, sought)
+
+    def _steering(self) -> list[Unknown]:
+        drive_, slow = self.file.drive, self.car.size.time
+        road = bool(drive_.road_wheel)
+        usual = {
+            'delay': (drive_.delay, 0.0, sensors.DELAY * slow, 's'),
+            'gain': (drive_.gain, 1.0, sensors.GAIN, '1'),
+            'offset': (drive_.offset, 0.0, math.radians(0.15 if road else 2.0), 'rad'),
+            'lag': (drive_.lag or Known(sd='none'), 0.0, sensors.DELAY * slow, 's'),
+        }
+        found = []
+        for part, (known, centre, of_class, unit) in usual.items():
+            own = known or Known(sd=CLASS)
+            centre = centre if own.value is None else number_of(own.value, f'drive: {part}', unit)
+            sd = sd_of(own, f'drive: {part}', centre, unit, of_class)
+            low = 0.0 if part == 'lag' else 0.2 if part == 'gain' else -math.inf
+            if sd > 0.0:
+                name = f'steering.{part}'
+                found.append(Unknown(name, 'steering', part, centre, sd, of_class, low=low, unit=unit))
+            self._fixed_steering = getattr(self, '_fixed_steering', {}) | {part: centre}
+        return found
+
+    def _sensor(self, name: str) -> list[Unknown]:
+        channel, kind = self.file.channels[name], KINDS[self.kinds[name]]
+        slow = self.car.size.time
+        none = Known(sd='none')
+        scale = kind.offset * _grown(kind.unit, self.car)
+        usual = {
+            'delay': (channel.delay or Known(sd=CLASS), 0.0, sensors.DELAY * slow, 's'),
+            'gain': (channel.gain or Known(sd=CLASS), 1.0, sensors.GAIN, '1'),
+            'offset': (channel.offset or Known(sd=CLASS), 0.0, scale, kind.unit),
+            'lever_x': (channel.lever or none, 0.0, 0.05 * self.car.size.length, 'm'),
+            'lever_y': (channel.lever or none, 0.0, 0.05 * self.car.size.length, 'm'),
+            'mounting': (channel.mounting or none, 0.0, 0.02, 'rad'),
+        }
+        found, fixed = [], {}
+        for part, (known, usual_centre, of_class, unit) in usual.items():
+            where = f'channels.{name}: {part}'
+            centre = usual_centre if known.value is None else number_of(known.value, where, unit)
+            sd = sd_of(known, where, centre, unit, of_class)
+            fixed[part] = centre
+            if sd > 0.0:
+                found.append(Unknown(f'{name}.{part}', name, part, centre, sd, of_class, unit=unit))
+        self._fixed = getattr(self, '_fixed', {}) | {name: fixed}
+        return found
+
+    def _first_noise(self, name: str) -> Noise:
+        """Before anything is fitted: noise as given or as the recording has it, and a discrepancy of a few percent."""
+        kind, channel = KINDS[self.kinds[name]], self.file.channels[name]
+        mine = [p for p in self.pieces if p.channel == name]
+        values = np.concatenate([p.y for p in mine]) if mine else np.zeros(1)
+        jumps = np.concatenate([np.diff(p.y, 2) for p in mine]) if mine else np.zeros(1)
+        seen = float(np.sqrt(np.mean(jumps**2) / 6.0))
+        if channel.noise is not None:
+            noise = number_of(channel.noise, f'channels.{name}: noise', kind.unit)
+            require(noise > 0.0, 'channels', f'{name}.noise', noise, 'must be > 0')
+        else:
+            noise = max(min(kind.noise * _grown(kind.unit, self.car), max(seen, 1e-9)), 1e-9)
+        return Noise(noise, 0.05 * float(np.std(values)) + 1e-12, 0.4 * self.car.size.time)
+
+    # -- vectors ------------------------------------------------------------------------------------------------------
+
+    @property
+    def start(self) -> np.ndarray:
+        """The vector of all centres."""
+        return np.zeros(len(self.unknowns))
+
+    def values(self, x: np.ndarray) -> dict[str, float]:
+        """Values of all unknowns, by name."""
+        return {u.name: u.centre + u.width * float(v) for u, v in zip(self.unknowns, x, strict=True)}
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of a vector."""
+        low = np.array([(u.low - u.centre) / u.width for u in self.unknowns])
+        high = np.array([(u.high - u.centre) / u.width for u in self.unknowns])
+        return low, high
+
+    @property
+    def prior(self) -> np.ndarray:
+        """(n,) weights of what is known before: widths over sd, squared."""
+        return np.array([(u.width / u.sd) ** 2 if math.isfinite(u.sd) else 0.0 for u in self.unknowns])
+
+    def _car_values(self, values: Mapping[str, float]) -> dict[str, float]:
+        return {u.part: values[u.name] for u in self.unknowns if u.of == 'vehicle'}
+
+    def linearize(self, x: np.ndarray) -> None:
+        """Derive a level that is linear in the numbers at this vector."""
+        values = self.values(x)
+        widths = {u.part: u.width for u in self.unknowns if u.of == 'vehicle'}
+        self.car.linearize(self._car_values(values), widths)
+        self.close()
+
+    # -- runs ---------------------------------------------------------------------------------------------------------
+
+    def motions(self, x: np.ndarray, which: Sequence[int]) -> list[np.ndarray]:
+        """Motions of windows at a vector. Raises MbdError."""
+        found = self.many([x], which)[0]
+        if isinstance(found, MbdError):
+            raise found
+        return found
+
+    def many(self, points: Sequence[np.ndarray], which: Sequence[int]) -> list[list[np.ndarray] | MbdError]:
+        """Motions at many vectors, in as many processes as there are; an error where there is none."""
+        jobs = [self._job(x, which) for x in points]
+        ends = np.cumsum([0] + [self.inputs[k].chunks + 1 for k in which])
+        rows: list[Any] = [None if self.memory is None else self.memory.read(job.key) for job in jobs]
+        todo = [i for i, one in enumerate(rows) if one is None]
+        self.runs += len(todo)
+        for i, one in zip(todo, self._run([jobs[i] for i in todo]), strict=True):
+            rows[i] = one
+            if self.memory is not None and not isinstance(one, MbdError):
+                self.memory.write(jobs[i].key, one)
+        return [one if isinstance(one, MbdError) else [one[a:b] for a, b in itertools.pairwise(ends)] for one in rows]
+
+    def _job(self, x: np.ndarray, which: Sequence[int]) -> Job:
+        values = self.values(x)
+        steering = self._fixed_steering | {u.part: values[u.name] for u in self.unknowns if u.of == 'steering'}
+        return Job(self._car_values(values), Steering(**steering), tuple(which), self.car.centre)
+
+    def _run(self, jobs: Sequence[Job]) -> Iterator[Any]:
+        if self._workers < 2 or len(jobs) < 2 or self.file.level == 'single_track':
+            for job in jobs:
+                interrupts.check()
+                yield self.drive(job)
+            return
+        if self._pool is None:
+            given = self.file, self.home, [*self.data.values()]
+            self._pool = ProcessPoolExecutor(
+                self._workers, multiprocessing.get_context('spawn'), initializer=_begin, initargs=given
+            )
+        waiting = [self._pool.submit(_there, job) for job in jobs]
+        for one in waiting:
+            while not wait([one], timeout=0.2).done:
+                interrupts.check()
+            yield one.result()
+
+    def drive(self, job: Job) -> np.ndarray | MbdError:
+        """Motions of the windows of a job, one behind the other, or why there are none."""
+        try:
+            simulation = self.car.simulation(job.car)
+            return np.concatenate([drive(simulation, self.inputs[k], job.steering) for k in job.which])
+        except MbdError as error:
+            return error
+
+    def remember(self, directory: Path) -> None:
+        """Keep motions in a directory, and take those that are there."""
+        parts = [self.car.text, repr(self.file.windows), repr(self.file.drive), repr(self.dt), sources()]
+        for one in self.data.values():
+            parts.append(one.name)
+            parts += [digest(t.t.tobytes(), t.y.tobytes()).hex() for _, t in sorted(one.tracks.items())]
+        self.memory = Memory(directory, digest(*parts).hex())
+
+    def close(self) -> None:
+        """End the processes."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+            self._pool = None
+
+    def signals(self, x: np.ndarray, motions: Sequence[np.ndarray], which: Sequence[int]) -> list[np.ndarray]:
+        """Predicted values of the pieces of windows, in their order."""
+        values = self.values(x)
+        place = {k: i for i, k in enumerate(which)}
+        made = {name: self._made(name, values) for name in self.file.channels}
+        return [made[p.channel].at(motions[place[p.window]], self.dt, p.t) for p in self.pieces if p.window in place]
+
+    def _made(self, name: str, values: Mapping[str, float]) -> Sensor:
+        channel = self.file.channels[name]
+        found = self._fixed[name] | {u.part: values[u.name] for u in self.unknowns if u.of == name}
+        com = self.car.com
+        return Sensor(self.kinds[name], channel.at or com, com, channel.yaw, **found)
+
+    def of(self, use: str) -> list[int]:
+        """Windows of a use."""
+        return [k for k, w in enumerate(self.windows) if w.use == use]
+
+    def residuals(self, x: np.ndarray, which: Sequence[int], motions: Sequence[np.ndarray] | None = None) -> np.ndarray:
+        """Measured less predicted, of all pieces of windows one behind the other. Raises MbdError."""
+        motions = self.motions(x, which) if motions is None else motions
+        at = set(which)
+        pieces = [p for p in self.pieces if p.window in at]
+        return np.concatenate(
+            [p.y - s for p, s in zip(pieces, self.signals(x, motions, which), strict=True)] or [np.zeros(0)]
+        )
+
+    def jacobian(
+        self, x: np.ndarray, which: Sequence[int], motions: Sequence[np.ndarray], only: Sequence[int] | None = None,
+        step: float = STEP, central: bool = True,
+    ) -> np.ndarray:  # fmt: skip
+        """(samples, n) derivatives of the predicted values by the vector: central differences, or one-sided ones, of
+        runs for those that need them and of the sensors alone for the others. Raises MbdError."""
+        columns = range(len(self.unknowns)) if only is None else only
+        base = np.concatenate(self.signals(x, motions, which))
+        J = np.zeros((base.size, len(self.unknowns)))
+        low, high = self.bounds
+        asked: list[tuple[int, float]] = []
+        for j in columns:
+            for sign in (1.0, -1.0):
+                moved = x[j] + sign * step
+                there = low[j] <= moved <= high[j] and (central or sign > 0.0 or asked[-1][1] == 0.0)
+                asked.append((j, sign * step if there else 0.0))
+        points = [_moved(x, j, d) for j, d in asked if self.unknowns[j].runs and d]
+        found = iter(self.many(points, which))
+        sides: dict[int, list[tuple[float, np.ndarray]]] = {j: [] for j in columns}
+        failed: dict[int, MbdError] = {}
+        for j, d in asked:
+            if not d:
+                sides[j].append((0.0, base))
+            elif self.unknowns[j].runs:
+                rows = next(found)
+                if isinstance(rows, MbdError):  # no vehicle has this number: the other side serves
+                    failed[j] = rows
+                    sides[j].append((0.0, base))
+                else:
+                    sides[j].append((d, np.concatenate(self.signals(_moved(x, j, d), rows, which))))
+            else:
+                sides[j].append((d, np.concatenate(self.signals(_moved(x, j, d), motions, which))))
+        for j, ((above, a), (below, b)) in sides.items():
+            if above == below:
+                raise failed.get(j) or SpecError(f'{self.unknowns[j].name}: cannot move between its bounds')
+            J[:, j] = (a - b) / (above - below)
+        return J
+
+    # -- weights ------------------------------------------------------------------------------------------------------
+
+    def reset_noise(self) -> None:
+        """Weight residuals as before any fit."""
+        self.set_noise({name: self._first_noise(name) for name in self.file.channels})
+
+    def set_noise(self, noise: Mapping[str, Noise]) -> None:
+        """Weight residuals by these from now on."""
+        self.noise = dict(noise)
+        self._factors = {}
+
+    def white(self, values: np.ndarray, which: Sequence[int]) -> np.ndarray:
+        """Residuals, or columns of derivatives, of windows with variance 1."""
+        at, begin, parts = set(which), 0, []
+        for k, p in enumerate(self.pieces):
+            if p.window in at:
+                if (k, p.channel) not in self._factors:
+                    self._factors[k, p.channel] = self.noise[p.channel].factor(p.t)
+                parts.append(whitened(self._factors[k, p.channel], values[begin : begin + p.t.size]))
+                begin += p.t.size
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def split(self, values: np.ndarray, which: Sequence[int]) -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
+        """Values of windows by channel: (times, values) of every piece."""
+        at, begin = set(which), 0
+        found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {name: [] for name in self.file.channels}
+        for p in self.pieces:
+            if p.window in at:
+                found[p.channel].append((p.t, values[begin : begin + p.t.size]))
+                begin += p.t.size
+        return found
+
+    def rows_of(self, which: Sequence[int]) -> np.ndarray:
+        """(samples,) window of every sample."""
+        at = set(which)
+        return np.concatenate(
+            [np.full(p.t.size, p.window) for p in self.pieces if p.window in at] or [np.zeros(0, int)]
+        )
+
+
+_THERE: list[Problem] = []  # the problem of a process that runs
+
+
+def _begin(file: FitFile, home: Path, data: Sequence[Data]) -> None:
+    """Begin a process: Ctrl-C is for the one that asked, and it ends with that one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    _THERE.append(Problem(file, home, data=data))
+
+
+def _there(job: Job) -> np.ndarray | MbdError:
+    return _THERE[0].drive(job)
+
+
+def _moved(x: np.ndarray, j: int, by: float) -> np.ndarray:
+    found = x.copy()
+    found[j] += by
+    return found
+
+
+def _grown(unit: str, car: Car) -> float:
+    """Factor by which noise and offsets of a sensor grow with the size of the vehicle."""
+    if unit in ('rad/s',):
+        return 1.0 / car.size.time
+    return car.size.speed if unit == 'm/s' else 1.0
+
+
+def _means(t: np.ndarray, y: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Means over intervals of dt [s] of a signal that is sampled more finely; else the signal."""
+    if t.size < 2:
+        return t, y
+    bins = np.floor(t / dt).astype(int)
+    first = np.flatnonzero(np.concatenate([[True], np.diff(bins) != 0]))
+    count = np.diff(np.concatenate([first, [t.size]]))
+    return np.add.reduceat(t, first) / count, np.add.reduceat(y, first) / count
+
+
+def _why(told: Sequence[str]) -> str:
+    return f'; left out: {"; ".join(told[:3])}{" and more" if len(told) > 3 else ""}' if told else ''
+
+
+__all__ = ['COLUMNS', 'SHORT', 'Piece', 'Problem', 'Unknown', 'Window', 'load']

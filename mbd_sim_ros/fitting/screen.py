@@ -1,0 +1,159 @@
+"""Faults of recordings that no fit should explain away: told before anything is fitted, one sentence each.
+
+The vehicle as it is given is driven by the recordings. A signal that is turned, late, of another scale, or whose delay
+grows, shows in its correlation with the predicted one; all that a vehicle of another size does shows in all signals at
+once.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mbd_sim_ros.fitting.problem import Problem
+from mbd_sim_ros.fitting.sensors import DELAY
+from solver.errors import BagError
+
+LOOK = 0.6  # s to either side in which a delay is sought, of a passenger car
+LATE = 6.0  # sd of a delay from which it is a fault
+ALIKE = 0.8  # correlation from which a delay is believed
+DRIFT = 0.08  # s by which delays of one recording may differ, of a passenger car
+OFF = 1.6  # factor of a scale that no car of the class explains
+QUICK = ('yaw_rate', 'lateral_acceleration', 'roll_rate', 'sideslip', 'lateral_velocity', 'roll')
+
+
+class Seen(NamedTuple):
+    """A signal in a window beside the predicted one: best delay [s], correlation there, correlation without delay,
+    factor."""
+
+    delay: float
+    best: float
+    now: float
+    factor: float
+    middle: float
+    weight: float
+
+
+def seen(problem: Problem, t: np.ndarray, y: np.ndarray, s: np.ndarray, window: int) -> Seen:
+    """A measured signal y beside a predicted one s at times t."""
+    dt = problem.dt
+    grid = np.arange(t[0], t[-1], dt)
+    a, b = np.interp(grid, t, y), np.interp(grid, t, s)
+    most = int(LOOK * problem.car.size.time / dt)
+    if grid.size < 3 * most:
+        return Seen(0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+    lags = np.arange(-most, most + 1)
+    core = b[most : b.size - most]
+    found = []
+    for lag in lags:
+        piece = a[most + lag : a.size - most + lag]
+        found.append(_correlation(piece, core))
+    c = np.array(found)
+    k = int(np.argmax(np.abs(c)))
+    shift = 0.0
+    if 0 < k < c.size - 1:
+        low, mid, high = abs(c[k - 1]), abs(c[k]), abs(c[k + 1])
+        bend = low - 2.0 * mid + high
+        shift = 0.5 * (low - high) / bend if bend < 0.0 else 0.0
+    piece = a[most + lags[k] : a.size - most + lags[k]]
+    centred = core - core.mean()
+    factor = float((piece - piece.mean()) @ centred / max(float(centred @ centred), 1e-300))
+    begin = problem.windows[window].begin
+    return Seen(float((lags[k] + shift) * dt), float(c[k]), float(c[most]), factor, begin + float(t.mean()),
+                float(centred @ centred))  # fmt: skip
+
+
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+    x, y = a - a.mean(), b - b.mean()
+    return float(x @ y / max(np.sqrt(float(x @ x) * float(y @ y)), 1e-300))
+
+
+def screen(problem: Problem) -> None:
+    """Refuse recordings with a fault. Raises BagError, one sentence."""
+    which = list(range(len(problem.windows)))
+    x = problem.start
+    signals = problem.signals(x, problem.motions(x, which), which)
+    time = problem.car.size.time
+    found: dict[tuple[str, str], list[Seen]] = {}
+    for piece, s in zip(problem.pieces, signals, strict=True):
+        if problem.kinds[piece.channel] not in QUICK:
+            continue
+        one = seen(problem, piece.t, piece.y, s, piece.window)
+        if one.weight > 0.0 and np.std(s) > 0.0:
+            recording = problem.windows[piece.window].recording
+            found.setdefault((recording, piece.channel), []).append(one)
+    for recording in problem.data:
+        own = {name: some for (r, name), some in found.items() if r == recording}
+        if own:
+            _look(problem, recording, own, time)
+
+
+def _look(problem: Problem, recording: str, own: dict[str, list[Seen]], time: float) -> None:
+    def mean(some: list[Seen], field: str) -> float:
+        weights = np.array([one.weight * one.best**2 for one in some]) + 1e-300
+        return float(np.average([getattr(one, field) for one in some], weights=weights))
+
+    turned = [name for name, some in own.items() if mean(some, 'best') < -ALIKE and mean(some, 'now') < 0.0]
+    if turned and len(turned) == len(own) and len(own) > 1:
+        raise BagError(
+            f'recording {recording!r}: all signals are turned against the steering: give the steering sign: -1 in the '
+            'mapping'
+        )
+    if turned:
+        raise BagError(
+            f'recording {recording!r}: {turned[0]} is turned (correlation {mean(own[turned[0]], "now"):.2f} with the '
+            'predicted one): give its channel sign: -1 in the mapping'
+        )
+    clear = {name: [one for one in some if one.best > ALIKE] for name, some in own.items()}
+    clear = {name: some for name, some in clear.items() if some}
+    steering = next((u for u in problem.unknowns if u.name == 'steering.delay'), None)
+    delays = {}
+    for name, some in clear.items():
+        known = next((u for u in problem.unknowns if u.name == f'{name}.delay'), None)
+        centre, sd = (0.0, DELAY * time) if known is None else (known.centre, known.sd)
+        allowed = LATE * np.hypot(sd, 0.0 if steering is None else steering.sd) + 2.0 * problem.dt
+        delays[name] = (mean(some, 'delay') - centre, allowed)
+    for name, some in clear.items():
+        if len(some) >= 3:
+            at, late = np.array([one.middle for one in some]), np.array([one.delay for one in some])
+            slope, first = np.polyfit(at, late, 1)
+            scatter = float(np.std(late - slope * at - first))
+            span = float(at[-1] - at[0])
+            if abs(slope) * span > max(DRIFT * time, 4.0 * scatter):
+                raise BagError(
+                    f'recording {recording!r}: the clock of {name} drifts by {1e3 * slope:.2g} ms a second against '
+                    f'that of the steering ({abs(slope) * span:.2g} s in all): stamp both by one clock'
+                )
+    late_all = [name for name, (delay, allowed) in delays.items() if abs(delay) > allowed]
+    if late_all and len(late_all) == len(delays) and len(delays) > 1:
+        delay = float(np.median([delays[name][0] for name in late_all]))
+        raise BagError(
+            f'recording {recording!r}: all signals come {abs(delay):.2f} s {"after" if delay > 0 else "before"} the '
+            f'steering that makes them: mend the stamps of the steering, or give drive.delay its value ({-delay:.2f} s)'
+        )
+    if late_all:
+        delay = delays[late_all[0]][0]
+        raise BagError(
+            f'recording {recording!r}: {late_all[0]} is {abs(delay):.2f} s {"late" if delay > 0 else "early"}, more '
+            f'than such a sensor is: mend its stamps, or give its delay a value ({delay:.2f} s)'
+        )
+    factors = {name: mean(some, 'factor') for name, some in clear.items()}
+    far = {name: f for name, f in factors.items() if not 1.0 / OFF < f < OFF}
+    if far and len(far) == len(factors) and len(far) > 1:
+        raise BagError(
+            f'recording {recording!r}: all signals are {float(np.median(list(far.values()))):.2g} times those of the '
+            'vehicle: the recording is that of another car, or the unit of the steering is not as given'
+        )
+    if far:
+        name, factor = next(iter(far.items()))
+        raise BagError(
+            f'recording {recording!r}: {name} is {factor:.3g} times the predicted one and the other signals are not: '
+            'is its unit right?'
+        )
+    alike = [mean(some, 'best') for some in own.values()]
+    if max(alike) < 0.5:
+        raise BagError(
+            f'recording {recording!r}: no signal goes with the steering (correlation {max(alike):.2f} at most): it is '
+            'that of another drive or car, or the columns are not what the mapping says'
+        )

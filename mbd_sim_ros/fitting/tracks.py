@@ -1,0 +1,65 @@
+"""The level single_track at other numbers of the vehicle, without its derivation: its tables, of which a derivation
+takes seconds, are linear in the numbers near those at which it was derived.
+
+They are derived at the centre and at either side of it for every number, once, and kept on disk. A fit derives them
+again at its result and goes on from there until that is the centre, so that the result is that of the level itself;
+only the direction in which it seeks is that of the linear tables.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from solver.levels import derive
+from solver.levels.single_track_engine import SingleTrack
+from solver.scene import Scene
+from solver.simulation import Simulation
+
+Tables = dict[str, dict[str, float]]
+SceneOf = Callable[[Mapping[str, float]], Scene]
+PART = 0.5  # of the sd of a number, by which it is moved to either side
+
+
+class LinearTrack:
+    """See the module. scene_of: the scene with other numbers. centre: the numbers at which it was derived."""
+
+    def __init__(
+        self, scene_of: SceneOf, centre: dict[str, float], widths: dict[str, float], before: LinearTrack | None = None
+    ) -> None:
+        self.centre = centre
+        self.tables = self._derived(scene_of, centre)
+        self.slopes: dict[str, Tables] = {} if before is None else before.slopes
+        for name, value in centre.items():
+            if name not in self.slopes:
+                step = PART * widths[name]
+                above, below = (self._derived(scene_of, {**centre, name: value + s * step}) for s in (1.0, -1.0))
+                self.slopes[name] = {
+                    group: {key: (numbers[key] - below[group][key]) / (2.0 * step) for key in numbers}
+                    for group, numbers in above.items()
+                }
+        self._scene = derive(dataclasses.replace(scene_of(centre), fidelity='single_track'))
+
+    @staticmethod
+    def _derived(scene_of: SceneOf, values: Mapping[str, float]) -> Tables:
+        found: Any = derive(dataclasses.replace(scene_of(values), fidelity='single_track')).engine
+        return {group: dict(numbers) for group, numbers in found.keywords['parameters'].items()}
+
+    def at(self, values: Mapping[str, float]) -> Tables:
+        """The tables at other numbers."""
+        tables = {group: dict(numbers) for group, numbers in self.tables.items()}
+        for name, centre in self.centre.items():
+            away = values.get(name, centre) - centre
+            if away:
+                for group, numbers in self.slopes[name].items():
+                    for key, slope in numbers.items():
+                        tables[group][key] += slope * away
+        return tables
+
+    def simulation(self, scene: Scene, values: Mapping[str, float]) -> Simulation:
+        """A simulation with other numbers. scene: is not derived."""
+        tables = self.at(values)
+        return Simulation(
+            self._scene.scene, lambda given: SingleTrack(given, parameters=tables), level=self._scene.report
+        )

@@ -1,0 +1,219 @@
+"""Recordings of a fit: stretches, windows, what is left out and refused; sensors by laws; vehicles by similarity."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbd_sim_ros.fitting import recordings
+from mbd_sim_ros.fitting.driving import _lagged
+from mbd_sim_ros.fitting.file import Drive, Known, Like, Recording, Windows, load_file, sd_of
+from mbd_sim_ros.fitting.recordings import Data, Track
+from mbd_sim_ros.fitting.sensors import Sensor
+from mbd_sim_ros.fitting.similar import total_mass, vehicle_like, yaml_of
+from solver.errors import BagError, MbdError, SceneError, SpecError
+from solver.files.scene import load_scene_text
+
+DRIVE = Drive(steering_wheel='s', speed='v')
+
+
+def made(seconds: float = 60.0, rate: float = 50.0) -> dict[str, Track]:
+    t = np.arange(round(seconds * rate)) / rate
+    wave = np.sin(t) + 0.01 * np.cos(31.0 * t)
+    return {'s': Track(t, wave), 'v': Track(t, 20.0 + 0.5 * wave), 'r': Track(t, 0.1 * wave)}
+
+
+def without(track: Track, first: float, last: float) -> Track:
+    keep = (track.t < first) | (track.t > last)
+    return Track(track.t[keep], track.y[keep])
+
+
+def windows(tracks: dict[str, Track]) -> tuple[list[recordings.Window], list[str]]:
+    data = Data('drive', 'fit', tracks)
+    return recordings.windows(data, DRIVE, Windows(), 3.0), data.told
+
+
+def test_windows_fill_a_drive() -> None:
+    """Windows of 10 s behind a run-in of 2 s; the rest goes to the last one."""
+    found, told = windows(made())
+    assert [(w.first, w.last) for w in found[:2]] == [(2.0, 12.0), (12.0, 22.0)]
+    assert found[-1].last == pytest.approx(59.98)
+    assert all(w.begin == w.first - 2.0 for w in found)
+    assert not told
+
+
+def test_gaps_slow_and_frozen_stretches_are_left_out_and_named() -> None:
+    """No window reaches into a gap of an input, a stop or a frozen sensor, and each is named with its times."""
+    tracks = made()
+    tracks['s'] = without(tracks['s'], 20.0, 21.0)
+    slow = tracks['v']
+    tracks['v'] = Track(slow.t, np.where((slow.t > 35.0) & (slow.t < 37.0), 0.5, slow.y))
+    frozen = tracks['r']
+    tracks['r'] = Track(frozen.t, np.where((frozen.t > 48.0) & (frozen.t < 51.0), 0.07, frozen.y))
+    found, told = windows(tracks)
+    for a, b in ((20.0, 21.0), (35.0, 37.0), (48.0, 51.0)):
+        assert all(w.last <= a + 0.05 or w.begin >= b - 0.05 for w in found), (a, b)
+    text = '\n'.join(told)
+    assert 'no sample of s' in text
+    assert 'slower than 3 m/s' in text
+    assert 'r is frozen' in text
+
+
+def test_constant_signal(tmp_path: Path) -> None:
+    """A column that never changes is refused by its name."""
+    file = tmp_path / 'drive.csv'
+    file.write_text('time [s],s,v,r\n' + '\n'.join(f'{0.02 * k},{k % 7},{20 + k % 3},0.5' for k in range(500)))
+    with pytest.raises(BagError, match=r'r has the same value 0\.5 all the time'):
+        recordings.load('drive', Recording(file=str(file)), file, None, ['s', 'v', 'r'])
+    with pytest.raises(BagError, match="no signal 'q'"):
+        recordings.load('drive', Recording(file=str(file)), file, None, ['s', 'q'])
+
+
+def test_pose_becomes_velocities(tmp_path: Path) -> None:
+    """On a circle of radius 5 m at 2 m/s: yaw rate 0.4 rad/s, vx 2 m/s, vy 0, by quadratics exact to h^2/6 r^3."""
+    t = np.arange(0.0, 20.0, 0.01)
+    turn = 0.4 * t
+    file = tmp_path / 'pose.csv'
+    x, y = 5.0 * np.sin(turn), 5.0 - 5.0 * np.cos(turn)
+    head = 'time [s],x [m],y [m],yaw [rad],s'
+    np.savetxt(
+        file,
+        np.column_stack([t, x, y, np.angle(np.exp(1j * turn)), np.sin(t)]),
+        delimiter=',',
+        header=head,
+        comments='',
+    )
+    needed = ['pose/yaw_rate', 'pose/vx', 'pose/vy', 's']
+    tracks = recordings.load('pose', Recording(file=str(file)), file, None, needed).tracks
+    inner = slice(20, -20)
+    assert np.allclose(tracks['pose/yaw_rate'].y[inner], 0.4, atol=1e-6)
+    assert np.allclose(tracks['pose/vx'].y[inner], 2.0, atol=2e-3)
+    assert np.allclose(tracks['pose/vy'].y[inner], 0.0, atol=2e-3)
+
+
+def test_sensor_with_a_lever_arm() -> None:
+    """A body that turns at w(t) about its centre of mass: at an arm (a, b) the acceleration along x is -dw/dt b -
+    w^2 a, along y dw/dt a - w^2 b, the velocities -w b and w a."""
+    dt, a, b = 0.01, 0.8, -0.3
+    t = dt * np.arange(400)
+    w, dw = 0.5 * np.sin(2.0 * t), np.cos(2.0 * t)
+    rows = np.zeros((t.size, 23))
+    rows[:, 5] = rows[:, 11] = w
+    at = t[50:-50]
+    place = {'place': (a, b, 0.2), 'com': (0.0, 0.0, 0.2), 'yaw': 0.0}
+    inner = slice(50, -50)
+    for kind, expected in (
+        ('lateral_acceleration', dw * a - w * w * b),
+        ('longitudinal_acceleration', -dw * b - w * w * a),
+        ('lateral_velocity', w * a),
+        ('longitudinal_velocity', -w * b),
+        ('yaw_rate', w),
+    ):
+        assert np.allclose(Sensor(kind, **place).at(rows, dt, at), expected[inner], atol=1e-4), kind
+    late = Sensor('yaw_rate', **place, delay=0.05, gain=2.0, offset=0.1).at(rows, dt, at)
+    assert np.allclose(late, 2.0 * 0.5 * np.sin(2.0 * (at - 0.05)) + 0.1, atol=1e-6)
+
+
+def test_mounting_angle() -> None:
+    """A sensor that is turned to the left by 0.1 rad feels an acceleration a along y of the car as a cos 0.1."""
+    rows = np.zeros((100, 23))
+    rows[:, 0], rows[:, 1] = 3.0, 5.0
+    sensor = Sensor('lateral_acceleration', (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.1)
+    found = sensor.at(rows, 0.01, np.array([0.5]))
+    assert found[0] == pytest.approx(5.0 * math.cos(0.1) - 3.0 * math.sin(0.1))
+
+
+def test_lag_of_the_steering() -> None:
+    """Behind a ramp of 2 rad/s a lag of 0.1 s stays 0.2 rad back; rate and acceleration belong to it."""
+    h = 0.001
+    t = h * np.arange(1, 2001)
+    angle, rate, acceleration = _lagged(2.0 * t, np.full(t.size, 2.0), h, 0.1)
+    assert angle[-1] == pytest.approx(2.0 * t[-1] - 0.2, abs=1e-8)
+    assert np.allclose(np.gradient(angle, h)[10:-10], rate[10:-10], atol=1e-3)
+    assert np.allclose(np.gradient(rate, h)[10:-10], acceleration[10:-10], atol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ('words', 'value', 'unit', 'sd'),
+    [
+        ('2 %', 1500.0, 'kg', 30.0),
+        ('5 %', 1.0, '1', 0.05),
+        ('20 ms', 0.0, 's', 0.02),
+        (0.3, 1.0, 'm', 0.3),
+        ('30 kg', 1500.0, 'kg', 30.0),
+        ('class', 1.0, '1', 9.0),
+        ('none', 1.0, '1', 0.0),
+        (None, 1.0, '1', math.inf),
+        ('0.5 deg/s', 0.0, 'rad/s', math.radians(0.5)),
+    ],
+)
+def test_priors_in_words(words: str | float | None, value: float, unit: str, sd: float) -> None:
+    """What is known, in words, as a standard deviation in the unit of the number."""
+    assert sd_of(Known(sd=words), 'mass', value, unit, 9.0) == pytest.approx(sd)
+
+
+@pytest.mark.parametrize(
+    ('words', 'sentence'),
+    [
+        ('2 kg', 'no such unit'),
+        ('3 deg', 'is in rad'),
+        ('-2 m', 'must be > 0'),
+        ('clas', 'class'),
+        ('2 %', 'value is 0'),
+    ],
+)
+def test_priors_that_are_none(words: str, sentence: str) -> None:
+    """One sentence each."""
+    with pytest.raises(SpecError, match=sentence):
+        sd_of(Known(sd=words), 'offset', 0.0, 'm', 1.0)
+
+
+@pytest.mark.parametrize(('length', 'mass'), [(2.4, 982.0), (0.175, 1.58), (6.0, 9000.0)])
+def test_vehicle_like_another(length: float, mass: float) -> None:
+    """A vehicle of another size has the wheelbase, mass, load in front and height that are asked for, and is one."""
+    data = vehicle_like(
+        Like(
+            vehicle='vehicles/light_car.yaml',
+            wheelbase=length,
+            mass=mass,
+            front_share=0.45,
+            height=0.2 * length,
+            driven='rear',
+        )
+    )
+    scene = load_scene_text(yaml_of({'vehicle': data, 'duration': 1.0}))
+    bodies = scene.model.bodies
+    total = sum(b.mass for b in bodies)
+    assert total == pytest.approx(mass)
+    x, z = (sum(b.mass * (b.position[k] + b.com[k]) for b in bodies) / total for k in (0, 2))
+    wheels = {t.name: next(b for b in bodies if b.name == t.marker.body).position[0] for t in scene.model.tires}
+    assert wheels['front_left'] - wheels['rear_left'] == pytest.approx(length)
+    assert (x - wheels['rear_left']) / length == pytest.approx(0.45)
+    assert z == pytest.approx(0.2 * length)
+    assert total_mass('vehicles/light_car.yaml') == pytest.approx(1413.0)
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ('parameters: {mass: {low: 1400, high: 1300}}', 'must be below high'),
+        ('drive: {speed: v}', 'give this or road_wheel'),
+        ('channels: {}', 'at least one measured signal'),
+        ('colour: red', 'unknown key'),
+    ],
+)
+def test_files_that_are_refused(tmp_path: Path, change: str, sentence: str) -> None:
+    """A file that cannot be is refused by place and remedy."""
+    lines = {
+        'vehicle': 'vehicle: vehicles/light_car.yaml', 'recordings': 'recordings: {a: {file: a.csv}}',
+        'drive': 'drive: {steering_wheel: s, speed: v}', 'channels': 'channels: {yaw_rate: {channel: r}}',
+        'parameters': 'parameters: {mass: {sd: 2 %}}',
+    }  # fmt: skip
+    lines[change.partition(':')[0]] = change
+    file = tmp_path / 'fit.yaml'
+    file.write_text('\n'.join(lines.values()))
+    with pytest.raises((SceneError, MbdError), match=sentence):
+        load_file(file)

@@ -1,0 +1,108 @@
+"""Intervals contain the truth as often as they say, whatever the residuals are: a model that is cheap and linear."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mbd_sim_ros.fitting.estimation import covariance_of, noise_of
+from mbd_sim_ros.fitting.noise import Noise, estimated, whitened
+from mbd_sim_ros.fitting.problem import Piece, Problem, Unknown
+from mbd_sim_ros.fitting.recordings import Window
+from mbd_sim_ros.fitting.solve import descend
+
+
+class Linear(Problem):
+    """Signals that are sums of smooth functions of time, one for each unknown; residuals with noise and discrepancy."""
+
+    def __init__(self, seed: int, *, windows: int, discrepancy: float, prior: float = math.inf) -> None:
+        random = np.random.default_rng(seed)
+        self.t = 0.1 * np.arange(80)
+        self.windows = [Window('made', 'fit', 10.0 * k, 10.0 * k, 10.0 * k + 8.0) for k in range(windows)]
+        self.unknowns = [
+            Unknown(f'p{k}', 'vehicle', f'p{k}', 0.0, prior if k == 0 else math.inf, 1.0, sought=True) for k in range(3)
+        ]
+        self.names = [u.name for u in self.unknowns]
+        phase = 6.3 * random.random((windows, 3, 4))
+        rates = 0.3 + 1.7 * random.random((windows, 3, 4))
+        self.basis = np.sin(rates[..., None] * self.t + phase[..., None]).sum(axis=2).transpose(0, 2, 1)
+        self.truth = np.array([prior * random.standard_normal() if math.isfinite(prior) else 0.7, -0.4, 0.2])
+        L = Noise(0.3, discrepancy, 0.8).factor(self.t)
+        values = [B @ self.truth + L @ random.standard_normal(80) for B in self.basis]
+        self.pieces = [Piece(k, 'signal', self.t, y) for k, y in enumerate(values)]
+        self.noise, self._factors, self.runs = {'signal': Noise(0.3, 0.1, 0.4)}, {}, 0
+        self.file = type('File', (), {'channels': {'signal': None}, 'seed': 1, 'level': 'made'})()
+
+    def many(self, points, which):
+        return [[self.basis[k] @ x for k in which] for x in points]
+
+    def signals(self, x, motions, which):
+        return list(motions)
+
+
+def fitted(problem: Linear):
+    which, free = problem.of('fit'), np.ones(3, bool)
+    best = descend(problem, problem.start, which, free)
+    for _ in range(3):
+        problem.set_noise(noise_of(problem, best.r, which))
+        best = descend(problem, best, which, free)
+    covariance, _ = covariance_of(problem, best)
+    return best.x, np.sqrt(np.diag(covariance))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('discrepancy', [0.05, 0.6])
+def test_coverage(discrepancy: float) -> None:
+    """95 % intervals of 60 fits of 3 numbers: of 180 that cover with 95 % at most 21 miss (1 in 1000), and with weights
+    of white noise alone far more would."""
+    inside, white = 0, 0
+    for seed in range(60):
+        problem = Linear(seed, windows=10, discrepancy=discrepancy)
+        x, sd = fitted(problem)
+        inside += int(np.sum(np.abs(x - problem.truth) < 1.96 * sd))
+        W = np.concatenate(problem.basis)
+        plain = np.linalg.lstsq(W, np.concatenate([p.y for p in problem.pieces]), rcond=None)[0]
+        r = np.concatenate([p.y for p in problem.pieces]) - W @ plain
+        naive = np.sqrt(np.diag(np.linalg.inv(W.T @ W)) * np.var(r))
+        white += int(np.sum(np.abs(plain - problem.truth) < 1.96 * naive))
+    assert 180 - 21 <= inside <= 180
+    if discrepancy > 0.1:
+        assert white < 150  # who takes residuals for white claims intervals that are too small
+
+
+def test_prior_is_kept_where_nothing_is_told() -> None:
+    """Of a number that no signal depends on the interval is that known before."""
+    problem = Linear(3, windows=6, discrepancy=0.1, prior=0.5)
+    problem.basis[:, :, 0] = 0.0
+    problem.pieces = [p._replace(y=B @ problem.truth) for p, B in zip(problem.pieces, problem.basis, strict=True)]
+    x, sd = fitted(problem)
+    assert abs(x[0]) < 1e-3
+    assert 0.5 * 0.97 <= sd[0] <= 0.5 * 1.6  # Student's quantile of six windows is 1.31 times the normal one
+
+
+@pytest.mark.parametrize(('noise', 'size', 'time'), [(0.3, 0.6, 0.8), (0.1, 1.0, 0.3), (1.0, 0.5, 1.5)])
+def test_noise_is_found(noise: float, size: float, time: float) -> None:
+    """Noise, discrepancy and its time from 60 windows: to a quarter, the scatter of autocovariances of so many."""
+    random, t = np.random.default_rng(5), 0.05 * np.arange(240)
+    L = Noise(noise, size, time).factor(t)
+    found = estimated([(t, L @ random.standard_normal(t.size)) for _ in range(60)], 1e-6)
+    assert found.noise**2 + found.size**2 == pytest.approx(noise**2 + size**2, rel=0.1)
+    assert found.size == pytest.approx(size, rel=0.25)
+    assert 0.5 * time < found.time < 2.0 * time
+
+
+def test_white_residuals_are_taken_for_white() -> None:
+    """Without correlation nearly all is noise."""
+    random, t = np.random.default_rng(2), 0.05 * np.arange(200)
+    found = estimated([(t, random.standard_normal(t.size)) for _ in range(30)], 1e-6)
+    assert found.noise == pytest.approx(1.0, rel=0.05)
+    assert found.size < 0.25
+
+
+def test_whitened() -> None:
+    """Over its Cholesky factor a covariance is the identity."""
+    t = np.sort(np.random.default_rng(0).random(30))
+    L = Noise(0.2, 1.0, 0.3).factor(t)
+    assert np.allclose(whitened(L, L @ L.T) @ np.linalg.inv(L).T, np.eye(30), atol=1e-9)
