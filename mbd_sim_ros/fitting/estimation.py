@@ -127,7 +127,7 @@ def _fit(problem: Problem, out: str | Path | None, say: Say) -> Fitted:
         best = _recentred(problem, best, which, everything, say)
     covariance, ratio = covariance_of(problem, best)
     estimates = _estimates(problem, best, covariance, ratio)
-    _require_this_car(problem, best, covariance)
+    _require_this_car(problem, best)
     held = problem.residuals(best.x, kept_out)
     held_out = judged(problem, held, before_held, kept_out)
     require_better(held_out, problem)
@@ -230,23 +230,40 @@ def _estimates(problem: Problem, found: Found, covariance: np.ndarray, ratio: np
     return tuple(estimates)
 
 
-def _require_this_car(problem: Problem, found: Found, covariance: np.ndarray) -> None:
+def _apart(problem: Problem, found: Found) -> list[tuple[float, int, float]]:
+    """(standard deviations between, index, value that the recordings want) of every unknown of which something is known
+    before: that, beside what the recordings and all other knowledge give without it, by one step of Gauss-Newton."""
+    which, prior = problem.of('fit'), problem.prior
+    W = problem.white(found.J, which)
+    A = W.T @ W + np.diag(prior + 1e-12)
+    away = []
+    for j, u in enumerate(problem.unknowns):
+        if not math.isfinite(u.sd):
+            continue
+        without = A.copy()
+        without[j, j] -= prior[j]
+        C = np.linalg.inv(without)
+        wanted = found.x[j] + C[j, j] * prior[j] * found.x[j]
+        far = abs(wanted) * u.width / math.hypot(u.sd, u.width * math.sqrt(max(C[j, j], 0.0)))
+        away.append((float(far), j, u.centre + u.width * float(wanted)))
+    return away
+
+
+def _require_this_car(problem: Problem, found: Found) -> None:
     """Refuse a result that contradicts what is known before, or lies at a bound. Raises BagError."""
     low, high = problem.bounds
-    away = [
-        (abs(found.x[j]) * u.width / u.sd, u) for j, u in enumerate(problem.unknowns) if math.isfinite(u.sd)
-    ]  # fmt: skip
+    away = _apart(problem, found)
     if away:
-        far, u = max(away, key=lambda one: one[0])
+        far, j, wanted = max(away)
+        u = problem.unknowns[j]
         if far > FARTHEST:
-            value = u.centre + u.width * float(found.x[problem.names.index(u.name)])
             if u.of == 'vehicle':
                 raise BagError(
-                    f'recordings: they want {u.name} = {value:.4g} {u.unit}, {far:.2g} standard deviations from the '
-                    f'{u.centre:.4g} that is known: they are those of another car, or the prior is wrong'
+                    f'recordings: alone they want {u.name} = {wanted:.4g} {u.unit}, {far:.2g} standard deviations from '
+                    f'the {u.centre:.4g} that is known: they are those of another car, or the prior is wrong'
                 )
             raise BagError(
-                f'recordings: they want {u.name} = {value:.3g} {u.unit}, {far:.2g} standard deviations from the '
+                f'recordings: alone they want {u.name} = {wanted:.3g} {u.unit}, {far:.2g} standard deviations from the '
                 f'{u.centre:g} of such a sensor: mend the recording, or say so in the file of the fit'
             )
     for j, u in enumerate(problem.unknowns):

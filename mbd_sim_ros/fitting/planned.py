@@ -78,7 +78,7 @@ def data_of(car: Car, drive: Drive, channels: dict[str, str], plan: Plan) -> Dat
         if name:
             tracks[name] = Track(t, values)
     for name in channels.values():
-        tracks.setdefault(name, Track(t, np.zeros(t.size)))
+        tracks.setdefault(name, Track(t, 1e-9 * t))  # until it is predicted; what stands still would be left out
     return Data(plan.words, 'fit', tracks)
 
 

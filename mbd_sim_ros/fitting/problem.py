@@ -218,7 +218,7 @@ class Problem:
         low = -math.inf if known.low is None else known.low
         high = math.inf if known.high is None else known.high
         if own > 0.0 and number.relative:
-            low, high = max(low, 0.02 * own), min(high, 10.0 * max(own, centre))
+            low, high = max(low, 0.02 * own), min(high, 10.0 * own)
         if not low < centre < high:
             raise SpecError(
                 f'parameters: {name}: the known value {centre:g} lies outside of its bounds {low:g} and {high:g}'
