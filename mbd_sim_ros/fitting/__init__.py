@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mbd_sim_ros.fitting.estimation import fit
     from mbd_sim_ros.fitting.foresight import preflight
-    from mbd_sim_ros.fitting.problem import Problem, load
+    from mbd_sim_ros.fitting.loading import load
+    from mbd_sim_ros.fitting.problem import Problem
     from mbd_sim_ros.fitting.results import write
 
 __all__ = ['Problem', 'fit', 'load', 'preflight', 'write']
 _HOMES = {
-    'load': 'mbd_sim_ros.fitting.problem',
+    'load': 'mbd_sim_ros.fitting.loading',
     'Problem': 'mbd_sim_ros.fitting.problem',
     'preflight': 'mbd_sim_ros.fitting.foresight',
     'fit': 'mbd_sim_ros.fitting.estimation',

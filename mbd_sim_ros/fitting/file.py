@@ -69,14 +69,21 @@ class Channel:
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """A recording. use: it is fitted, or held out: the result is judged by it. start, end: of what is taken, in
+    """A recording: a file, or for a preflight a maneuver that is only planned (docs/fitting.md).
+
+    use: it is fitted, or held out: the result is judged by it. start, end: of what is taken, in
     seconds from its first stamp. mapping: another one than that of the fit."""
 
-    file: str
+    file: str = ''
+    maneuver: str = ''
     use: Literal['fit', 'held_out'] = 'fit'
     start: Time = 0.0
     end: Time | None = None
     mapping: str = ''
+
+    def __post_init__(self) -> None:
+        one = bool(self.file) != bool(self.maneuver)
+        require(one, 'recording', 'file', self.file, 'give this or maneuver, and not both')
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ from mbd_sim_ros import interrupts
 from mbd_sim_ros.fitting import recordings, sensors
 from mbd_sim_ros.fitting.car import CONSTANTS, SHORT, Car
 from mbd_sim_ros.fitting.driving import COLUMNS, Inputs, Steering, drive
-from mbd_sim_ros.fitting.file import CLASS, FitFile, Known, load_file, number_of, sd_of
+from mbd_sim_ros.fitting.file import CLASS, FitFile, Known, number_of, sd_of
 from mbd_sim_ros.fitting.noise import Noise, whitened
 from mbd_sim_ros.fitting.recordings import Data, Window
 from mbd_sim_ros.fitting.sensors import KINDS, Sensor
@@ -34,6 +34,8 @@ from solver.validate import require
 STEP = 0.05  # of a difference, in widths; measured: docs/fitting.md
 SLOWEST = 3.0  # m/s of a passenger car: windows with a lower speed are left out
 LEAST_SECONDS = 20.0  # of windows to be fitted, of a passenger car
+LACKING = 0.05  # part of a signal that a model lacks, before a fit has shown it; ten times as much would tell nothing
+LACKING_TIME = 0.4  # s, its correlation time, of a passenger car
 STEERING = ('delay', 'gain', 'offset', 'lag')
 SENSOR = ('delay', 'gain', 'offset', 'lever_x', 'lever_y', 'mounting')
 
@@ -94,31 +96,24 @@ class Memory:
 
 
 class Piece(NamedTuple):
-    """Samples of a channel in a window: t [s] from its begin, values."""
+    """Samples of a channel in a window: t [s] from its begin, values; variances of the times that each is a mean of."""
 
     window: int
     channel: str
     t: np.ndarray
     y: np.ndarray
-
-
-def load(file: str | Path, *, workers: int = 0) -> Problem:
-    """The problem of a fit file. workers: processes for runs; 0: in this one. Raises MbdError, one sentence."""
-    path = Path(file)
-    if not path.is_file():
-        raise SpecError(f'{path}: no such file; a fit needs a file (docs/fitting.md)')
-    return Problem(load_file(path), path.parent, workers=workers)
+    spread: np.ndarray
 
 
 class Problem:
     """See the module. windows: all, also those held out. unknowns: in the order of a vector x, in widths from their
-    centres. noise: by channel."""
+    centres. noise: by channel. car: the vehicle of the file, or what moves in its place, as a Car does."""
 
     def __init__(
-        self, file: FitFile, home: Path, *, workers: int = 0, data: Sequence[Data] | None = None, car: Car | None = None
+        self, file: FitFile, home: Path, *, workers: int = 0, data: Sequence[Data] | None = None, car: Any = None
     ) -> None:
         self.file, self.home = file, home
-        self.car = Car(file, home) if car is None else car
+        self.car: Any = Car(file, home) if car is None else car
         size = self.car.size
         self.kinds = {name: sensors.require_kind(name) for name in file.channels}
         self.data = {one.name: one for one in (self._read() if data is None else data)}
@@ -176,10 +171,10 @@ class Problem:
             for name, channel in self.file.channels.items():
                 track = self.data[window.recording].tracks[channel.channel]
                 keep = (track.t >= window.first) & (track.t <= window.last - 0.0)
-                t, y = _means(track.t[keep] - begin, track.y[keep], self.dt)
+                t, y, spread = _means(track.t[keep] - begin, track.y[keep], self.dt)
                 inside = t <= self.inputs[k].t[-1]
                 if inside.sum() >= 4:
-                    found.append(Piece(k, name, t[inside], y[inside]))
+                    found.append(Piece(k, name, t[inside], y[inside], spread[inside]))
         return found
 
     def _unknowns(self) -> list[Unknown]:
@@ -282,7 +277,10 @@ class Problem:
             require(noise > 0.0, 'channels', f'{name}.noise', noise, 'must be > 0')
         else:
             noise = max(min(kind.noise * _grown(kind.unit, self.car), max(seen, 1e-9)), 1e-9)
-        return Noise(noise, 0.05 * float(np.std(values)) + 1e-12, 0.4 * self.car.size.time)
+        # of a car in a steady circle the model lacks a part of the signal, not of its changes; a speed is followed
+        about = float(np.mean(values)) if self.kinds[name] in sensors.AROUND else 0.0
+        size = float(np.sqrt(np.mean((values - about) ** 2)))
+        return Noise(noise, LACKING * size + 1e-12, LACKING_TIME * self.car.size.time)
 
     # -- vectors ------------------------------------------------------------------------------------------------------
 
@@ -364,8 +362,11 @@ class Problem:
     def drive(self, job: Job) -> np.ndarray | MbdError:
         """Motions of the windows of a job, one behind the other, or why there are none."""
         try:
-            simulation = self.car.simulation(job.car)
-            return np.concatenate([drive(simulation, self.inputs[k], job.steering) for k in job.which])
+            inputs = [self.inputs[k] for k in job.which]
+            if isinstance(self.car, Car):
+                simulation = self.car.simulation(job.car)
+                return np.concatenate([drive(simulation, one, job.steering) for one in inputs])
+            return np.concatenate(self.car.driven(job.car, inputs, job.steering))
         except MbdError as error:
             return error
 
@@ -388,7 +389,11 @@ class Problem:
         values = self.values(x)
         place = {k: i for i, k in enumerate(which)}
         made = {name: self._made(name, values) for name in self.file.channels}
-        return [made[p.channel].at(motions[place[p.window]], self.dt, p.t) for p in self.pieces if p.window in place]
+        return [
+            made[p.channel].at(motions[place[p.window]], self.dt, p.t, p.spread)
+            for p in self.pieces
+            if p.window in place
+        ]
 
     def _made(self, name: str, values: Mapping[str, float]) -> Sensor:
         channel = self.file.channels[name]
@@ -521,18 +526,21 @@ def _grown(unit: str, car: Car) -> float:
     return car.size.speed if unit == 'm/s' else 1.0
 
 
-def _means(t: np.ndarray, y: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Means over intervals of dt [s] of a signal that is sampled more finely; else the signal."""
+def _means(t: np.ndarray, y: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means over intervals of dt [s] of times and values, and the variance of the times; a signal that is not sampled
+    more finely stays."""
     if t.size < 2:
-        return t, y
+        return t, y, np.zeros(t.size)
     bins = np.floor(t / dt).astype(int)
     first = np.flatnonzero(np.concatenate([[True], np.diff(bins) != 0]))
     count = np.diff(np.concatenate([first, [t.size]]))
-    return np.add.reduceat(t, first) / count, np.add.reduceat(y, first) / count
+    middle = np.add.reduceat(t, first) / count
+    spread = np.add.reduceat((t - np.repeat(middle, count)) ** 2, first) / count
+    return middle, np.add.reduceat(y, first) / count, spread
 
 
 def _why(told: Sequence[str]) -> str:
     return f'; left out: {"; ".join(told[:3])}{" and more" if len(told) > 3 else ""}' if told else ''
 
 
-__all__ = ['COLUMNS', 'SHORT', 'Piece', 'Problem', 'Unknown', 'Window', 'load']
+__all__ = ['COLUMNS', 'SHORT', 'Piece', 'Problem', 'Unknown', 'Window']

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import csv
-import html
 import io
 import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mbd_sim_ros.analysis.pages import plain_page, write_text
+from mbd_sim_ros.analysis import pages
+from mbd_sim_ros.analysis.pages import write_text
 from mbd_sim_ros.analysis.rating import rate
 from mbd_sim_ros.fitting.estimation import Fitted, report
 from mbd_sim_ros.fitting.foresight import Told
@@ -24,7 +23,8 @@ from solver.files.yaml_tree import node_of, text_of
 
 SAMPLES = 64  # of the distribution, a power of two; ten times as many make a sweep of hours
 SHOWN = 4  # windows held out that the page shows, of every signal
-WIDTH, HEIGHT = 900, 150  # of a picture [px]
+DRAWN = 6  # vectors by which the page draws what the parameters leave open; ten times as many take minutes
+RELATED = 0.8  # correlation from which the page names a pair
 
 
 def write(fitted: Fitted, out: str | Path) -> dict[str, str]:
@@ -43,7 +43,7 @@ def write(fitted: Fitted, out: str | Path) -> dict[str, str]:
     write_text(files['samples'], samples_text(fitted))
     write_text(files['sweep'], sweep_text(files['vehicle'].resolve()))
     write_text(files['numbers'], json.dumps(plain(numbers), indent=1))
-    write_text(files['page'], page(fitted, rated))
+    page(fitted, rated).write(files['page'])
     return {name: str(file) for name, file in files.items()}
 
 
@@ -134,103 +134,112 @@ def _signals(fitted: Fitted, x: np.ndarray) -> list[np.ndarray]:
     return problem.signals(x, problem.motions(x, which), which)
 
 
-def page(fitted: Fitted, rated: dict[str, dict[str, float | None]]) -> str:
+def page(fitted: Fitted, rated: dict[str, dict[str, float | None]]) -> pages.Page:
     """The page of a fit."""
     problem = fitted.problem
     others = [e for e in fitted.estimates if not e.sought]
-    left_out = ''.join(f'<li>{html.escape(line)}</li>' for line in problem.told or ['nothing'])
-    parts = [
-        '<p>' + html.escape(
-            f'{fitted.preflight.seconds:.0f} s of recordings in {fitted.preflight.windows} windows, driven open loop '
-            f'at level {problem.file.level}; {problem.runs} runs of all windows.'
-        ) + '</p>',
-        '<h2>Parameters</h2>', _table(
-            ('parameter', 'value', '95 % from', 'to', 'known before', 'told by them', 'bootstrap over weights'),
-            [
-                (e.name, f'{e.value:.5g} {e.unit}', f'{e.low:.5g}', f'{e.high:.5g}', _known(problem, e.name),
-                 'yes' if e.told else 'no: known before', f'{e.bootstrap:.2f}')
-                for e in fitted.parameters.values()
-            ],
-        ),
-        '<p>An interval is that of the weights, widened where a bootstrap over windows scatters more (last column). It '
-        'contains what the constants below leave open, and not what the level itself lacks everywhere.</p>',
-        '<h2>Recordings held out</h2>', _table(
-            ('signal', 'RMS of the error', 'before', 'ISO/TS 18571', 'before'),
-            [
-                (name, f'{one["rms"]:.3g} {_unit(fitted, name)}', f'{one["before"]:.3g}',
-                 *(_score(rated[name][key]) for key in ('rating', 'before')))
-                for name, one in fitted.held_out.items()
-            ],
-        ),
-        '<p>Before: the vehicle as it was given, with steering and sensors fitted.</p>',
-        *_curves(fitted),
-        '<h2>Steering, sensors and constants</h2>', _table(
-            ('', 'value', '95 % from', 'to'),
-            [(e.name, f'{e.value:.4g} {e.unit}', f'{e.low:.4g}', f'{e.high:.4g}') for e in others],
-        ),
-        '<h2>Residuals</h2>', _table(
-            ('signal', 'noise', 'discrepancy', 'its correlation time'),
-            [(name, f'{n.noise:.3g} {_unit(fitted, name)}', f'{n.size:.3g}', f'{n.time:.3g} s')
-             for name, n in fitted.noise.items()],
-        ),
-        '<h2>Pairs</h2>', _pairs(fitted),
-        '<h2>Left out</h2>', f'<ul>{left_out}</ul>',
+    parameters = [
+        ('parameter', 'value', '95 % from', 'to', 'known before', 'told by the recordings', 'bootstrap over weights')
+    ]
+    parameters += [
+        (e.name, f'{e.value:.5g} {e.unit}', f'{e.low:.5g}', f'{e.high:.5g}', _known(problem, e.name),
+         'yes' if e.told else 'no: known before', f'{e.bootstrap:.2f}')
+        for e in fitted.parameters.values()
     ]  # fmt: skip
-    return plain_page('Fit of ' + (problem.file.vehicle or 'a vehicle'), parts)
+    judged = [('signal', 'RMS of the error', 'RMS before', 'ISO/TS 18571', 'ISO/TS 18571 before')]
+    judged += [
+        (name, f'{one["rms"]:.3g} {_unit(fitted, name)}', f'{one["before"]:.3g}',
+         *(_score(rated[name][key]) for key in ('rating', 'before')))
+        for name, one in fitted.held_out.items()
+    ]  # fmt: skip
+    nuisances = [('', 'value', '95 % from', 'to')]
+    nuisances += [(e.name, f'{e.value:.4g} {e.unit}', f'{e.low:.4g}', f'{e.high:.4g}') for e in others]
+    residuals = [('signal', 'noise', 'discrepancy', 'its correlation time')]
+    residuals += [
+        (name, f'{n.noise:.3g} {_unit(fitted, name)}', f'{n.size:.3g}', f'{n.time:.3g} s')
+        for name, n in fitted.noise.items()
+    ]
+    return pages.Page(
+        title='Fit of ' + (problem.file.vehicle or 'a vehicle'),
+        about=(
+            f'{fitted.preflight.seconds:.0f} s of recordings in {fitted.preflight.windows} windows, driven open loop '
+            f'at level {problem.file.level}; {problem.runs} runs of all windows.',
+        ),
+        blocks=[
+            pages.heading('Parameters'),
+            pages.table(parameters),
+            pages.text(
+                'An interval is that of the weights, widened where a bootstrap over windows scatters more (last '
+                'column). It contains what the constants below leave open, and not what the level itself lacks in all '
+                'drives.'
+            ),
+            pages.heading('Recordings held out'),
+            pages.table(judged),
+            pages.text('Before: the vehicle as it was given, with steering and sensors fitted.'),
+            pages.charts(_curves(fitted), wide=True),
+            pages.heading('Steering, sensors and constants'),
+            pages.table(nuisances),
+            pages.heading('Residuals'),
+            pages.table(residuals),
+            pages.heading('Pairs'),
+            _pairs(fitted),
+            pages.heading('Left out'),
+            pages.text(*(problem.told or ['nothing'])),
+        ],
+    )
 
 
 def _known(problem: Any, name: str) -> str:
     u = next(u for u in problem.unknowns if u.name == name)
-    return f'{u.centre:.5g} ± {u.sd:.2g}' if math.isfinite(u.sd) else 'nothing'
+    return f'{u.centre:.5g} \u00b1 {u.sd:.2g}' if math.isfinite(u.sd) else 'nothing'
 
 
 def _score(value: float | None) -> str:
     return 'too short' if value is None else f'{value:.2f}'
 
 
-def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
-    def line(cells: tuple[str, ...], tag: str) -> str:
-        return '<tr>' + ''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells) + '</tr>'
-
-    return '<table>' + line(head, 'th') + ''.join(line(row, 'td') for row in rows) + '</table>'
-
-
-def _pairs(fitted: Fitted) -> str:
+def _pairs(fitted: Fitted) -> pages.Block:
     C, names = fitted.covariance, fitted.problem.names
     sd = np.sqrt(np.diag(C))
     R = C / np.outer(sd, sd)
     found = sorted(
-        ((abs(R[i, j]), i, j) for i in range(len(names)) for j in range(i) if abs(R[i, j]) > 0.8), reverse=True
+        ((abs(R[i, j]), i, j) for i in range(len(names)) for j in range(i) if abs(R[i, j]) > RELATED), reverse=True
     )
-    rows = [(names[j], names[i], f'{R[i, j]:+.2f}') for _, i, j in found[:20]]
-    return _table(('', '', 'correlation'), rows) if rows else '<p>No two unknowns are correlated by more than 0.8.</p>'
+    if not found:
+        return pages.text(f'No two unknowns are correlated by more than {RELATED:g}.')
+    return pages.table(
+        [('', 'and', 'correlation'), *((names[j], names[i], f'{R[i, j]:+.2f}') for _, i, j in found[:20])]
+    )
 
 
-def _curves(fitted: Fitted) -> list[str]:
+def _curves(fitted: Fitted) -> list[pages.Block]:
     problem, which = fitted.problem, fitted.problem.of('held_out')
     after, before = (_signals(fitted, x) for x in (fitted.x, fitted.before))
     pieces = [p for p in problem.pieces if p.window in set(which)]
     # the band: noise and discrepancy of the signal, and what the parameters leave open
     spread = _spread(fitted)
-    parts = ['<h3>Measured (black), predicted (blue, with its 95 % band), before (grey)</h3>']
+    found = []
     for name in problem.file.channels:
         own = [k for k, p in enumerate(pieces) if p.channel == name][:SHOWN]
         for k in own:
             p = pieces[k]
             window = problem.windows[p.window]
+            t = p.t + window.begin
             band = 1.96 * np.hypot(np.hypot(fitted.noise[name].noise, fitted.noise[name].size), spread[k])
-            parts.append(
-                picture(
-                    f'{name} [{_unit(fitted, name)}], {window.recording} from {window.first:.1f} s',
-                    p.t, p.y, after[k], before[k], band,
-                )
-            )  # fmt: skip
-    return parts
+            curves = [
+                pages.curve('95 % band', t, after[k] - band, high=after[k] + band),
+                pages.curve('before', t, before[k]),
+                pages.curve('predicted', t, after[k]),
+                pages.curve('measured', t, p.y),
+            ]
+            title = f'{name}, {window.recording} from {window.first:.1f} s'
+            found.append(pages.chart(title, 'time [s]', f'{name} [{_unit(fitted, name)}]', curves))
+    return found
 
 
 def _spread(fitted: Fitted) -> list[np.ndarray]:
     """By piece held out: sd of the predicted signal by the parameters, from few samples of their distribution."""
-    drawn = list(fitted.samples(6, fitted.problem.file.seed + 1))
+    drawn = list(fitted.samples(DRAWN, fitted.problem.file.seed + 1))
     which = fitted.problem.of('held_out')
     made = []
     for x, motions in zip(drawn, fitted.problem.many(drawn, which), strict=True):
@@ -239,34 +248,6 @@ def _spread(fitted: Fitted) -> list[np.ndarray]:
     if len(made) < 2:
         return [np.zeros(p.t.size) for p in fitted.problem.pieces if p.window in set(which)]
     return [np.std(np.stack(some), axis=0, ddof=1) for some in zip(*made, strict=True)]
-
-
-def picture(
-    title: str, t: np.ndarray, y: np.ndarray, after: np.ndarray, before: np.ndarray, band: np.ndarray
-) -> str:  # fmt: skip
-    """Curves as SVG."""
-    low = float(min(y.min(), (after - band).min(), before.min()))
-    high = float(max(y.max(), (after + band).max(), before.max()))
-    span = max(high - low, 1e-12)
-    X = lambda v: 40.0 + (WIDTH - 50.0) * (v - t[0]) / (t[-1] - t[0])  # noqa: E731
-    Y = lambda v: 10.0 + (HEIGHT - 30.0) * (high - v) / span  # noqa: E731
-
-    def path(values: np.ndarray) -> str:
-        return ' '.join(f'{a:.1f},{b:.1f}' for a, b in zip(X(t), Y(values), strict=True))
-
-    around = path(after + band) + ' ' + ' '.join(reversed(path(after - band).split(' ')))
-    return (
-        f'<figure><svg viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}" role="img">'
-        f'<polygon points="{around}" fill="#4a7fd4" fill-opacity="0.2"/>'
-        f'<polyline points="{path(before)}" fill="none" stroke="#999"/>'
-        f'<polyline points="{path(y)}" fill="none" stroke="#000"/>'
-        f'<polyline points="{path(after)}" fill="none" stroke="#2457b0" stroke-width="1.5"/>'
-        f'<text x="2" y="16" font-size="10">{high:.3g}</text>'
-        f'<text x="2" y="{HEIGHT - 22}" font-size="10">{low:.3g}</text>'
-        f'<text x="40" y="{HEIGHT - 4}" font-size="10">0 s</text>'
-        f'<text x="{WIDTH - 60}" y="{HEIGHT - 4}" font-size="10">{t[-1] - t[0]:.1f} s</text>'
-        f'</svg><figcaption>{html.escape(title)}</figcaption></figure>'
-    )
 
 
 def text(fitted: Fitted) -> list[str]:

@@ -80,7 +80,9 @@ KINDS = {
     'pitch': Kind('rad', 0.003, 0.01, _angle('pitch')),
     **{f'wheel_speed_{corner}': Kind('rad/s', 0.3, 0.1, _wheel(k)) for k, corner in enumerate(CORNERS)},
 }
-DELAY, GAIN = 0.02, 0.01  # sd of the delay [s] and gain of a usual sensor; ten times as much would be a fault
+AROUND = ('longitudinal_velocity', 'vertical_acceleration', *(f'wheel_speed_{corner}' for corner in CORNERS))
+# sd of the delay [s] and gain of a usual sensor; ten times as much would be a fault
+DELAY, GAIN = 0.02, 0.01
 
 
 @dataclass(frozen=True)
@@ -98,8 +100,9 @@ class Sensor:
     lever_y: float = 0.0
     mounting: float = 0.0
 
-    def at(self, rows: np.ndarray, dt: float, t: np.ndarray) -> np.ndarray:
-        """The signal at times t [s] from the first of the rows."""
+    def at(self, rows: np.ndarray, dt: float, t: np.ndarray, spread: np.ndarray | float = 0.0) -> np.ndarray:
+        """The signal at times t [s] from the first of the rows, as means over times with a variance `spread` [s^2]
+        around them."""
         place = np.array(self.place) + [self.lever_x, self.lever_y, 0.0]
         arm = place - np.array(self.com)
         turn = self.yaw + self.mounting
@@ -111,7 +114,8 @@ class Sensor:
         elif self.kind == 'sideslip':
             values = values - turn
         grid = dt * np.arange(rows.shape[0])
-        return np.asarray(self.gain * CubicSpline(grid, values)(np.clip(t - self.delay, 0.0, grid[-1])) + self.offset)
+        curve, at = CubicSpline(grid, values), np.clip(t - self.delay, 0.0, grid[-1])
+        return np.asarray(self.gain * (curve(at) + 0.5 * spread * curve(at, 2)) + self.offset)
 
 
 PAIRS = {  # the other component of a vector in the plane, and the sign of its part where the sensor turns left

@@ -31,7 +31,7 @@ class Linear(Problem):
         self.truth = np.array([prior * random.standard_normal() if math.isfinite(prior) else 0.7, -0.4, 0.2])
         L = Noise(0.3, discrepancy, 0.8).factor(self.t)
         values = [B @ self.truth + L @ random.standard_normal(80) for B in self.basis]
-        self.pieces = [Piece(k, 'signal', self.t, y) for k, y in enumerate(values)]
+        self.pieces = [Piece(k, 'signal', self.t, y, np.zeros(80)) for k, y in enumerate(values)]
         self.noise, self._factors, self.runs = {'signal': Noise(0.3, 0.1, 0.4)}, {}, 0
         self.file = type('File', (), {'channels': {'signal': None}, 'seed': 1, 'level': 'made'})()
 
