@@ -118,6 +118,7 @@ PRODUCTS: dict[str, Product] = {  # those that take seconds first
     'stability': _study('stability'),
     'mechanisms': _study('mechanisms'),
     'error_bars': _study('error_bars'),
+    'drives': _study('drives'),
     'verdicts': _study('verdicts'),
     'change_points': _study('change_points'),
     'constants': _study('constants'),

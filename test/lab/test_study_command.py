@@ -116,6 +116,18 @@ def test_penalty_map_shows_what_grows_with_the_penalty_and_that_the_settings_los
     assert growth[10.0]['1e+06'] > 1.0 > growth[20.0]['10000']
 
 
+@pytest.mark.long
+@pytest.mark.slow
+def test_drives_are_judged_against_the_truth_and_against_maneuvers(capsys, tmp_path):
+    found = quick(capsys, 'drives', tmp_path)
+    assert found['missed'] == []
+    for row in (row for table in found['closed'].values() for row in table):
+        assert row['told'] == 6
+        assert row['hold the truth'] >= 4  # fewer of 6 at 95 %: once in 12000
+    gradient = next(row for row in found['delivered'] if row['figure'] == 'understeer_gradient')
+    assert gradient['drives'] == 1
+
+
 @pytest.mark.slow
 def test_validation_finds_ours_at_the_published_figures(capsys, tmp_path):
     found = quick(capsys, 'validation', tmp_path)

@@ -21,6 +21,7 @@ from solver.scene import Scene
 
 REPORT = 'report.json'  # of mbd maneuver, beside the recordings that it judges
 WITHIN = 'within its numerical error'
+OVERLAP = 'within the intervals'
 
 
 class Variant(NamedTuple):
@@ -69,6 +70,15 @@ class Line(NamedTuple):
         if base is None or other is None or (base.error is None and other.error is None):
             return False
         return abs(other.value - base.value) <= (base.error or 0.0) + (other.error or 0.0)
+
+    def is_within_intervals(self, k: int) -> bool:
+        """True where both figures have 95 % intervals, and the difference is within the root of the sum of the squares
+        of their halves, that of independent drives."""
+        base, other = self.figures[0], self.figures[k]
+        if base is None or other is None or base.interval is None or other.interval is None:
+            return False
+        half = [0.5 * (one.interval[1] - one.interval[0]) for one in (base, other) if one.interval is not None]
+        return abs(other.value - base.value) <= math.hypot(*half)
 
 
 class Driven(NamedTuple):
@@ -158,6 +168,7 @@ def data(variants: Sequence[Variant], evaluation: str) -> dict[str, Any]:
                 'unit': line.unit,
                 'values': [None if f is None else f.value for f in line.figures],
                 'verdicts': [None if f is None else f.verdict for f in line.figures],
+                'intervals_95': [None if f is None else f.interval for f in line.figures],
                 'difference_percent': [line.percent(k) for k in range(len(variants))],
             }
             for line in lines(variants, evaluation)
@@ -175,11 +186,13 @@ def rows(variants: Sequence[Variant], evaluation: str) -> list[tuple[str, ...]]:
         shown = [('-', '') if f is None else f.shown() for f in line.figures]
         row = [line.text, next((unit for _, unit in shown if unit), '')]
         for k, (f, (value, _)) in enumerate(zip(line.figures, shown, strict=True)):
-            row.append(f'{value} FAIL' if f is not None and f.ok is False else value)
+            interval = f' ({f.between()})' if f is not None and f.interval is not None else ''
+            row.append(f'{value} FAIL' if f is not None and f.ok is False else f'{value}{interval}')
             if k:
                 percent = line.percent(k)
                 said = '-' if percent is None else f'{percent:+.3g} %'
-                row.append(WITHIN if line.is_within_error(k) else said)
+                within = WITHIN if line.is_within_error(k) else OVERLAP if line.is_within_intervals(k) else ''
+                row.append(within or said)
         table.append(tuple(row))
     return table
 

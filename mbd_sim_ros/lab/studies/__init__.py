@@ -61,6 +61,7 @@ STUDIES: dict[str, str] = {  # name: module
     'verdicts': 'mbd_sim_ros.lab.studies.verdicts',
     'stability': 'mbd_sim_ros.lab.studies.stability',
     'error_bars': 'mbd_sim_ros.lab.studies.error_bars',
+    'drives': 'mbd_sim_ros.lab.studies.drives',
     'constants': 'mbd_sim_ros.lab.studies.constants',
     'fit_coverage': 'mbd_sim_ros.lab.studies.fit_coverage',
     'change_points': 'mbd_sim_ros.lab.studies.change_points',

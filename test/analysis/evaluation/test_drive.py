@@ -295,6 +295,43 @@ def test_a_car_that_never_moves_forward_is_refused() -> None:
         judged(ORDINARY.recorded(t, {'speed': np.full(t.size, -5.0), 'yaw_rate': np.sin(t)}, 0))
 
 
+def test_settings_that_leave_nothing_say_so() -> None:
+    t, signals = driven(5, 60.0)
+    run = ORDINARY.recorded(t, signals, 5)
+    with pytest.raises(BagError, match=r'standstill 0 s, reversing 0 s, slow 60 s; its speed should be above 100 m/s'):
+        judged(run, slowest=100.0)
+    assert why(judged(run, segment=0.01), 'response') == (
+        'stretches of 0.01 s at 50 samples a second hold no frequency that is given'
+    )
+    assert why(judged(run, segment=1000.0), 'response').startswith('only 0 stretches of 1000 s')
+    assert why(judged(run, high=1e-4), 'understeer_gradient').startswith('only ')
+
+
+def test_a_steering_that_is_not_proportional_tells_no_gradient_of_another_car() -> None:
+    """The wheel turns more for tight bends, which are slow ones: taken as proportional the car would oversteer."""
+    t, signals = driven(3)
+    road = signals['steering'] / RATIO
+    bent = {**signals, 'steering': RATIO * (road + 6.0 * road * np.abs(road))}
+    result = judged(ORDINARY.recorded(t, bent, 3))
+    found = next(f for f in result.figures if f.name == 'understeer_gradient')
+    assert found.why or found.interval[0] <= K <= found.interval[1]
+
+
+def test_two_drives_stand_side_by_side_with_their_intervals(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names = ('steering', 'speed', 'yaw_rate', 'lateral_acceleration')
+    for seed in (1, 2):
+        t, signals = driven(seed, 150.0)
+        run = ORDINARY.recorded(t, {name: signals[name] for name in names}, seed)
+        table = np.column_stack([t, *(run.series[name].columns[name] for name in names)])
+        head = 't [s],steering [rad],speed [m/s],yaw_rate [rad/s],lateral_acceleration [m/s^2]'
+        np.savetxt(tmp_path / f'lap_{seed}.csv', table, delimiter=',', header=head, comments='')
+    laps = [str(tmp_path / f'lap_{seed}.csv') for seed in (1, 2)]
+    assert main(['evaluate', *laps, '--as', 'drive', '--set', f'wheelbase={L}']) == 0
+    (line,) = [one for one in capsys.readouterr().out.splitlines() if one.startswith('ratio of the steering  ')]
+    assert line.endswith('within the intervals')
+    assert ' to ' in line
+
+
 def test_no_maneuver_belongs_to_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['maneuver', 'drive', 'light_car']) == SpecError.exit_code
     assert 'mbd evaluate BAG --as drive' in capsys.readouterr().err

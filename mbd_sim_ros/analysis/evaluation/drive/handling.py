@@ -59,8 +59,8 @@ class Steering(NamedTuple):
 
 class Handling(NamedTuple):
     """Figures of quasi-steady moments. used: (n,) mask of these. ratio_length: i L [m]; stability: K/L [s^2/m^2]. left,
-    right: K of either side. curved: part by which the steering angle at the curvature `far` [1/m] is larger than by
-    the ratio of the middle [-], where it is. a, steer: (n,) lateral acceleration [m/s^2] and steering angle less that
+    right: K of either side. curved: part by which the steering angle `far` [rad] is larger than by the ratio of
+    the middle [-], where it is. a, steer: (n,) lateral acceleration [m/s^2] and steering angle less that
     of the geometry and the offset [rad], to be drawn. seconds: how long they are [s]."""
 
     used: np.ndarray
@@ -142,13 +142,13 @@ def handling(m: Moments, high: float, ratio: float, wrong: str, late: float = 0.
     if why:
         return result
     free = Regression(np.column_stack([geometry, a, one, *others]), angle, stretch)
-    far = float(np.quantile(np.abs(geometry), 0.95))
-    bent = [np.abs(geometry), geometry * np.abs(geometry)]  # a ratio of either side, and one that grows with the angle
+    # a ratio of either side, and one that grows with the angle: functions of the steering angle itself
+    far, bent = float(np.quantile(np.abs(angle), 0.95)), [np.abs(angle), angle * np.abs(angle)]
     curve = Regression(np.column_stack([geometry, a, one, *others, *bent]), angle, stretch)
 
     def bend(side: float) -> Estimate:
-        """Part by which the angle of tight bends to one side differs from that by the ratio of the middle."""
-        return not_told(constant) if constant else curve.estimate(lambda c: (side * c[-2] + far * c[-1]) / c[0])
+        """Part by which large angles to one side are larger than by the ratio of the middle."""
+        return not_told(constant) if constant else curve.estimate(lambda c: side * c[-2] + far * c[-1])
 
     curved = [one for one in (bend(1.0), bend(-1.0)) if one.outside(-CURVED, CURVED)]
     if curved:

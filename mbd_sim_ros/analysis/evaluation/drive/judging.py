@@ -12,7 +12,7 @@ import numpy as np
 from mbd_sim_ros.analysis.evaluation.drive import envelope, handling, response, sensors
 from mbd_sim_ros.analysis.evaluation.drive.blocks import Estimate, not_told
 from mbd_sim_ros.analysis.evaluation.drive.moments import Moments, moments
-from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
+from mbd_sim_ros.analysis.evaluation.figures import DEG, Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Evaluation
 from mbd_sim_ros.analysis.evaluation.signals import GIVEN, WHEELS, Signals
 
@@ -143,8 +143,8 @@ def _steering(
         unequal = DIFFERS * abs(h.understeer.value)
         if h.curved.told:
             notes.append(
-                f'check: the steering is not proportional: for a curvature of {h.far:.3g} 1/m the {steering.text} '
-                f'turns by {100.0 * h.curved.value:.2g} % more than by the ratio of the middle, which is given'
+                f'check: the steering is not proportional: at {DEG * h.far:.3g} deg the {steering.text} has turned '
+                f'{100.0 * h.curved.value:.2g} % more than by the ratio of the middle, which is given'
             )
         if h.difference.outside(-unequal, unequal):
             notes.append('check: the car understeers differently to the left and to the right')

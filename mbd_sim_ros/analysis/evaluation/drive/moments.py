@@ -67,11 +67,11 @@ def moments(s: Signals, *, wheelbase: float, slowest: float | None) -> Moments:
     v = uniform_filter1d(
         s['speed'], max(round(AVERAGED * s.rate), 1), mode='nearest'
     )  # rings nowhere, as a filter does
-    if slowest is None:
-        usual = float(np.quantile(np.abs(v), 0.95))
-        slowest = SLOW * math.sqrt(wheelbase / ORDINARY) if wheelbase > 0.0 else min(SLOW, 0.25 * usual)
+    usual = float(np.quantile(np.abs(v), 0.95))
+    least = SLOW * math.sqrt(wheelbase / ORDINARY) if wheelbase > 0.0 else min(SLOW, 0.25 * usual)
+    slowest = least if slowest is None else slowest
     gaps = _beside(s, CORE)
-    stands = ~gaps & (np.abs(v) < STANDS * slowest)
+    stands = ~gaps & (np.abs(v) < STANDS * least)
     back = ~gaps & ~stands & (v < 0.0)
     slow = ~gaps & ~stands & ~back & (v < slowest)
     counted = ~(gaps | stands | back | slow)

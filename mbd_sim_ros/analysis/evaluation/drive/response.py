@@ -56,6 +56,8 @@ def bands(m: Moments, length: float) -> tuple[list[Band], str]:
     every = max(1, round(m.s.rate / FINE))
     rate = m.s.rate / every
     n = round(length * rate)
+    if n < 1 or not _lines(n, rate).size:
+        return [], f'stretches of {length:g} s at {m.s.rate:.4g} samples a second hold no frequency that is given'
     used = m.among('speed', *outputs, *steering.names)[::every]
     v = m.smooth('speed')[::every]
     begins = [b for b in range(0, used.size - n + 1, max(n // 2, 1)) if used[b : b + n].all()]
@@ -125,7 +127,7 @@ def _responses(x: np.ndarray, y: np.ndarray, starts: np.ndarray, n: int, rate: f
     )
     f = np.fft.rfftfreq(n, 1.0 / rate)
     result = []
-    for k in np.flatnonzero((f > (FIRST - 0.5) * rate / n) & (f <= min(HIGHEST, 0.4 * rate))):
+    for k in _lines(n, rate):
         Sxx, Syy, Sxy = (np.abs(X[:, k]) ** 2), (np.abs(Y[:, k]) ** 2), np.conj(X[:, k]) * Y[:, k]
         power = float(Sxx.sum() * Syy.sum())
         coherence = float(abs(Sxy.sum()) ** 2) / power if power > 0.0 else 0.0
@@ -145,6 +147,12 @@ def _responses(x: np.ndarray, y: np.ndarray, starts: np.ndarray, n: int, rate: f
         phase = phase._replace(value=angle, low=angle + phase.low, high=angle + phase.high)
         result.append(Response(float(f[k]), gain, not_told(gain.why) if gain.why else phase, coherence))
     return _continuous(result)
+
+
+def _lines(n: int, rate: float) -> np.ndarray:
+    """Lines of the spectra of n samples that are given."""
+    f = np.fft.rfftfreq(n, 1.0 / rate)
+    return np.flatnonzero((f > (FIRST - 0.5) * rate / n) & (f <= min(HIGHEST, 0.4 * rate)))
 
 
 def _continuous(responses: list[Response]) -> list[Response]:
