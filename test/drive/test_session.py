@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -227,6 +228,21 @@ def test_the_road_around_is_that_of_the_solver_and_a_plane_needs_none() -> None:
     assert around.at(22.0, -1.6) is text  # near enough
     assert around.at(25.0, -1.6) is not text
     assert Around(scene().model.road).at(20.3, -1.6) == ''
+
+
+def test_the_scripts_of_the_page_declare_every_name_once() -> None:
+    """They share one scope: a name that two of them declare is an error that stops the second one whole."""
+    page = session(None).page()
+    script = page[page.rindex('<script>') :]
+    declared: list[str] = []
+    for line in script.splitlines():
+        if first := re.match(r'(?:const|let|class|function) (.*)', line):  # not indented: at the top
+            plain = re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\{[^{}]*\}|'[^']*'", '', first[1])
+            more = re.findall(r'(?:^|, )(\w+) = ', plain) if line.startswith(('const', 'let')) else []
+            declared += more or re.findall(r'^\w+', first[1])
+    assert {'data', 'floats', 'Picture', 'COLOURS', 'INKS', 'drawn', 'hold'} <= set(declared)
+    assert [name for name in set(declared) if declared.count(name) > 1] == []
+    assert '@' not in re.sub(r'@media', '', page[: page.index('<script')])  # every part is filled in
 
 
 def test_the_lane_of_a_course_lies_to_both_sides_of_it() -> None:
