@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from mbd_sim_ros.fitting.car import Car, begin
+from mbd_sim_ros.fitting.car import begin
 from mbd_sim_ros.fitting.file import Drive
 from mbd_sim_ros.fitting.recordings import Data, Track, Window
 from solver.elements.tire_pacejka import TIRE_COLUMNS
@@ -36,9 +37,10 @@ class Steering:
 
 
 class Inputs:
-    """The inputs of a window, on the steps and samples of the simulation."""
+    """The inputs of a window, on the steps and samples of the simulation. car: the vehicle, or what moves in its
+    place."""
 
-    def __init__(self, data: Data, drive: Drive, window: Window, car: Car) -> None:
+    def __init__(self, data: Data, drive: Drive, window: Window, car: Any) -> None:
         self.window, self.car, self.h = window, car, car.h
         self.dt = CHUNK * car.h
         self.chunks = int((window.last - window.begin) / self.dt)

@@ -138,7 +138,7 @@ def page(fitted: Fitted, rated: dict[str, dict[str, float | None]]) -> pages.Pag
     """The page of a fit."""
     problem = fitted.problem
     others = [e for e in fitted.estimates if not e.sought]
-    parameters = [
+    parameters: list[tuple[str, ...]] = [
         ('parameter', 'value', '95 % from', 'to', 'known before', 'told by the recordings', 'bootstrap over weights')
     ]
     parameters += [
@@ -146,15 +146,17 @@ def page(fitted: Fitted, rated: dict[str, dict[str, float | None]]) -> pages.Pag
          'yes' if e.told else 'no: known before', f'{e.bootstrap:.2f}')
         for e in fitted.parameters.values()
     ]  # fmt: skip
-    judged = [('signal', 'RMS of the error', 'RMS before', 'ISO/TS 18571', 'ISO/TS 18571 before')]
+    judged: list[tuple[str, ...]] = [
+        ('signal', 'RMS of the error', 'RMS before', 'ISO/TS 18571', 'ISO/TS 18571 before')
+    ]
     judged += [
         (name, f'{one["rms"]:.3g} {_unit(fitted, name)}', f'{one["before"]:.3g}',
          *(_score(rated[name][key]) for key in ('rating', 'before')))
         for name, one in fitted.held_out.items()
     ]  # fmt: skip
-    nuisances = [('', 'value', '95 % from', 'to')]
+    nuisances: list[tuple[str, ...]] = [('', 'value', '95 % from', 'to')]
     nuisances += [(e.name, f'{e.value:.4g} {e.unit}', f'{e.low:.4g}', f'{e.high:.4g}') for e in others]
-    residuals = [('signal', 'noise', 'discrepancy', 'its correlation time')]
+    residuals: list[tuple[str, ...]] = [('signal', 'noise', 'discrepancy', 'its correlation time')]
     residuals += [
         (name, f'{n.noise:.3g} {_unit(fitted, name)}', f'{n.size:.3g}', f'{n.time:.3g} s')
         for name, n in fitted.noise.items()

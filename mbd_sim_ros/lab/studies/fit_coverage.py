@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,7 @@ WRONG_BY = 0.03  # sd of that
 LACK = {'yaw_rate': 0.006, 'lateral_acceleration': 0.15}  # RMS of the disturbance [rad/s], [m/s^2]
 LACK_TIME = 0.6  # s, its correlation time
 RATIO = 1.0 / 16.0  # of the steering
+SWING = 0.55  # of the steering of usual courses: lateral accelerations up to 6 m/s^2; with ten times as much it spins
 
 
 def file_of(use: tuple[str, ...]) -> FitFile:
@@ -66,7 +68,7 @@ def drives(seed: int) -> tuple[Problem, dict[str, float]]:
     )  # fmt: skip
     found = []
     for k, name in enumerate(('one', 'two', 'held')):
-        t, angle, v = course(SECONDS, 1000 * seed + k).T
+        t, angle, v = course(SECONDS, 1000 * seed + k, ratio=SWING).T
         plain = Data(name, 'fit', {'angle': Track(t, angle), 'speed': Track(t, v)})
         window = Inputs(plain, file.drive, Window(name, 'fit', 0.0, 0.0, float(t[-1])), car)
         rows = car.driven(truth, [window], Steering())[0]
@@ -92,7 +94,8 @@ def study(
 ) -> dict:
     """See mbd_sim_ros.lab.studies."""
     count = n or (2 if quick else N)
-    rows, refused = [], []
+    rows: list[dict[str, Any]] = []
+    refused: list[str] = []
     for k in range(count):
         progress(f'drive {k + 1} of {count}', k / count)
         problem, truth = drives((seed or 0) * 100_000 + k)
@@ -110,7 +113,7 @@ def study(
                     'off': (e.value - truth[e.name]) / e.sd, 'gained': e.sd / u.sd, 'bootstrap': e.bootstrap,
                 })  # fmt: skip
     sought = [row for row in rows if row['sought']]
-    table = []
+    table: list[dict[str, Any]] = []
     for name in dict.fromkeys(str(row['parameter']) for row in rows):
         own = [row for row in rows if row['parameter'] == name]
         table.append({
