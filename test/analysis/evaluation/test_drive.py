@@ -317,6 +317,20 @@ def test_a_steering_that_is_not_proportional_tells_no_gradient_of_another_car() 
     assert found.why or found.interval[0] <= K <= found.interval[1]
 
 
+def test_tires_that_give_way_are_no_curved_steering_where_the_ratio_is_known() -> None:
+    """Understeer that grows with the lateral acceleration, by 60 % at 4 m/s^2: the gradient is that of the range, the
+    slope of least squares, and no note says that the steering is curved."""
+    t, signals = driven(3)
+    v, r = signals['speed'], signals['yaw_rate']
+    a = v * r
+    grown = {**signals, 'steering': signals['steering'] + RATIO * 0.6 * K / 16.0 * a**3}
+    result = judged(ORDINARY.recorded(t, grown, 3), ratio=RATIO)
+    inside = np.abs(a) < 4.0
+    slope = K * (1.0 + 0.6 / 16.0 * float(a[inside] ** 3 @ a[inside] / (a[inside] @ a[inside])))
+    assert result['understeer_gradient'] == pytest.approx(slope, rel=0.05)
+    assert checks(result) == []
+
+
 def test_two_drives_stand_side_by_side_with_their_intervals(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names = ('steering', 'speed', 'yaw_rate', 'lateral_acceleration')
     for seed in (1, 2):

@@ -150,7 +150,9 @@ def handling(m: Moments, high: float, ratio: float, wrong: str, late: float = 0.
         """Part by which large angles to one side are larger than by the ratio of the middle."""
         return not_told(constant) if constant else curve.estimate(lambda c: side * c[-2] + far * c[-1])
 
-    curved = [one for one in (bend(1.0), bend(-1.0)) if one.outside(-CURVED, CURVED)]
+    known = L > 0.0 and i > 0.0  # NaN is not
+    # with a known ratio what is curved is the understeer of the tires
+    curved = [one for one in (bend(1.0), bend(-1.0)) if one.outside(-CURVED, CURVED) and not known]
     if curved:
         others += bent
         free = curve
@@ -161,7 +163,6 @@ def handling(m: Moments, high: float, ratio: float, wrong: str, late: float = 0.
         # the same with the steering as curved as the drive has it
         stability = _either(stability, curve.theta[1] / curve.theta[0], 's^2/m^2')
         length = _either(length, curve.theta[0], 'm')
-    known = L > 0.0 and i > 0.0  # NaN is not
     # with the ratio the geometry of the bend is known; without it, it has a coefficient of its own, the first
     first = [] if known else [geometry]
     target = angle / i - np.arctan(L * curvature) if known else angle
