@@ -80,7 +80,8 @@ setup(
         f'{NAME}.messages': ['schemas/*/*.msg'],
         f'{NAME}.analysis': ['page.html', 'page.css', 'page.js', 'base.js'],
         f'{NAME}.analysis.third_party.uplot': ['*.js', '*.css', 'LICENSE'],  # draws the curves of pages, MIT
-        f'{NAME}.analysis.view': ['view.js', 'scene.js', 'three.min.js', 'three.LICENSE'],
+        f'{NAME}.analysis.view': ['view.js', 'scene.js'],
+        f'{NAME}.analysis.third_party.three': ['three.min.js', 'LICENSE'],
         f'{NAME}.drive': ['drive.html'],
     },
     data_files=data_files(),

@@ -1,6 +1,6 @@
-"""Makes mbd_sim_ros/analysis/view/three.min.js anew: `python docs/tools/three.py`. Needs npm.
+"""Makes mbd_sim_ros/analysis/third_party/three/three.min.js anew: `python docs/tools/three.py`. Needs npm.
 
-It holds those parts of three.js that three.entry.js names, bundled by esbuild as one script, which pages carry in them.
+It holds those parts of three.js that entry.js names, bundled by esbuild as one script, which pages carry in them.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import tempfile
 from pathlib import Path
 
 VERSION, ESBUILD = '0.187.0', '0.28.2'
-HOME = Path(__file__).parents[2] / 'mbd_sim_ros' / 'analysis' / 'view'
+HOME = Path(__file__).parents[2] / 'mbd_sim_ros' / 'analysis' / 'third_party' / 'three'
 BANNER = (
-    f'/* three.js {VERSION}, MIT licence, copyright 2010-2026 three.js authors: three.LICENSE; made by '
+    f'/* three.js {VERSION}, MIT licence, copyright 2010-2026 three.js authors: LICENSE beside it; made by '
     'docs/tools/three.py */'
 )
 
@@ -26,7 +26,7 @@ def make(file: Path) -> None:
         subprocess.run(
             ['npm', 'install', '--silent', '--prefix', name, f'three@{VERSION}', f'esbuild@{ESBUILD}'], check=True
         )
-        shutil.copy(HOME / 'three.entry.js', there / 'entry.js')
+        shutil.copy(HOME / 'entry.js', there / 'entry.js')
         options = [
             '--bundle',
             '--minify',
@@ -39,14 +39,12 @@ def make(file: Path) -> None:
             [there / 'node_modules/.bin/esbuild', 'entry.js', *options, f'--banner:js={BANNER}', f'--outfile={file}'],
             cwd=name, check=True,
         )  # fmt: skip
-        shutil.copy(there / 'node_modules/three/LICENSE', file.with_name('three.LICENSE'))
+        shutil.copy(there / 'node_modules/three/LICENSE', file.with_name('LICENSE'))
 
 
 def named() -> list[str]:
-    """The parts that three.entry.js names."""
-    return re.findall(
-        r'[A-Z]\w+', (HOME / 'three.entry.js').read_text(encoding='utf-8').partition('{')[2].partition('}')[0]
-    )
+    """The parts that entry.js names."""
+    return re.findall(r'[A-Z]\w+', (HOME / 'entry.js').read_text(encoding='utf-8').partition('{')[2].partition('}')[0])
 
 
 if __name__ == '__main__':

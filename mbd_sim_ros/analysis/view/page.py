@@ -22,7 +22,10 @@ METRES = 10  # of ground to every side of a car
 STEPS = 8000  # whole numbers to either side of the middle of a column; 32000 would make pages half as large again
 MISSING = -32768  # stands for no number
 HOME = 'mbd_sim_ros.analysis.view'
-PICTURE = {'THREE': f'{HOME}:three.min.js', 'SCENE': f'{HOME}:scene.js'}  # parts of a page that draws what moves
+PICTURE = {
+    'THREE': 'mbd_sim_ros.analysis.third_party.three:three.min.js',
+    'SCENE': f'{HOME}:scene.js',
+}  # parts of a page that draws what moves
 
 
 def write_page(motions: list[RecordedMotion], file: Path, channels: tuple[str, ...] = ()) -> None:
