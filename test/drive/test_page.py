@@ -27,6 +27,12 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason='no browser'),
 ]
 LATENCY = 0.25  # s in the middle from key to picture, on a machine that tests and draws with the same two processors
+GAMEPAD = """
+globalThis.one = {connected: true, axes: [0.5, 0], buttons: Array.from({length: 16}, () => ({value: 0}))};
+one.buttons[7].value = 0.25;
+Object.defineProperty(navigator, 'getGamepads', {value: () => [one]});
+1
+"""
 SPEED, STEERING = 3, 7  # places in the head of a picture
 
 
@@ -85,6 +91,14 @@ def test_keys_drive_and_what_is_let_go_is_let_go(browser: Browser, tmp_path: Pat
     tab.wait('drive.stats.latency.length > 5')
     assert np.median(tab.value('drive.stats.latency')) < 1e3 * LATENCY
     assert tab.value('drive.stats.drawn') > 60
+    # a gamepad, as the browser gives it: half to the right, a little gas, a shoulder for the lever
+    tab.value(GAMEPAD)
+    tab.wait(f'drive.head()[8] == 0.25 && drive.head()[{STEERING}] < -0.3')
+    tab.value('one.buttons[4].value = 1')
+    tab.wait("document.getElementById('gear').textContent == 'neutral'")
+    tab.value('one.connected = false')
+    tab.wait('drive.head()[8] == 0')
+    tap(tab, 'e')
     # the run before is the ghost of the next one, which stands where that drove off
     tap(tab, 'r')
     tab.wait('drive.told().run == 2 && drive.head()[0] < 1')

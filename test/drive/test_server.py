@@ -331,7 +331,7 @@ def test_more_pages_than_there_is_room_for_are_refused(server: Server) -> None:
     page(server).close()
 
 
-def test_pages_that_come_and_go_at_random_leave_the_server_alive(server: Server, desk: Stub) -> None:
+def test_pages_that_come_and_go_leave_the_server_alive(server: Server, desk: Stub) -> None:
     """Closed with and without a goodbye, in the middle of the handshake, of a request and of a frame; noise."""
     r = random.Random(SEED)
     for _ in range(COUNT or 10):
