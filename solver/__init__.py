@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from solver.levels import simulation_of
     from solver.output.snapshot import Channels, Snapshot
     from solver.parallel import advance_all
+    from solver.reference.linearization import LinearModel, linear_model
     from solver.scene import Scene
     from solver.simulation import Simulation
 
@@ -35,6 +36,7 @@ __all__ = [
     'Channels',
     'ConsistencyError',
     'Ensemble',
+    'LinearModel',
     'MbdError',
     'Scene',
     'SceneError',
@@ -43,6 +45,7 @@ __all__ = [
     'SpecError',
     'StepError',
     'advance_all',
+    'linear_model',
     'load_scene',
     'load_scene_text',
     'simulation_of',
@@ -53,6 +56,7 @@ _HOMES = {  # public name -> module it is imported from when it is asked for
     ),
     **dict.fromkeys(('Channels', 'Snapshot'), 'solver.output.snapshot'),
     'Ensemble': 'solver.ensemble',
+    **dict.fromkeys(('LinearModel', 'linear_model'), 'solver.reference.linearization'),
     'Scene': 'solver.scene',
     'Simulation': 'solver.simulation',
     'advance_all': 'solver.parallel',

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -24,6 +25,7 @@ from solver.vehicle.hardpoints import SIDES
 AXLES = ('front', 'rear')
 GOOD_PART = 0.3  # of the kinetic energy of a mode
 LONG = 1e3  # s; internal states at rest move in proportion to it
+AT_REST = 1e-6  # m/s or rad/s; ten times as much is still below what an equilibrium leaves
 SLACK = 1e-6  # N/m or N m/rad, or of ones on the diagonal: below it nothing holds a part in some direction
 
 
@@ -129,8 +131,16 @@ def eigenvalues(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
 
 
 def modes(simulation: Simulation) -> list[Mode]:
-    """Oscillating modes of a simulation at rest at its start, by frequency."""
+    """Oscillating modes of a simulation at rest at its start, by frequency. Velocities are left out, of which a warning
+    tells where there are some; solver.linear_model() takes them."""
     model, state = simulation.model, simulation.state
+    fastest = float(np.abs(state.v).max(initial=0.0))
+    if fastest > AT_REST:
+        warnings.warn(
+            f'modes are those of a state of rest, and bodies move by {fastest:.3g} m/s or rad/s, which is left out; '
+            'solver.linear_model() linearises about the motion',
+            stacklevel=2,
+        )
     linear = linearised(model, state, np.zeros(len(model.spec.inputs)))
     s, X = eigenvalues(linear)
     directions = ('x', 'y', 'z', 'rx', 'ry', 'rz')
