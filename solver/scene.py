@@ -24,6 +24,7 @@ from solver.errors import SpecError, suggestion
 from solver.inputs.actuation import Actuation
 from solver.inputs.assistance import Assistance
 from solver.inputs.command_filter import BY_WHEEL, STEERING
+from solver.inputs.controllers import Controller
 from solver.inputs.maneuver import Maneuver, base_names
 from solver.inputs.recorded import Reach
 from solver.inputs.signals import maps_in, signal
@@ -224,7 +225,8 @@ class Scene:
 
     name, title: for people. model: the mechanism or vehicle on its road. actuation: which commands a vehicle takes, and
     the actuators between them and its inputs. assistance: anti-lock and stability control at the brakes, an automatic
-    gearbox. duration: simulated time [s]. seed: added to those of random roads; 0 leaves them as they are. sensors:
+    gearbox. controllers: units of co-simulation that see the motion and command inputs, before assistance and
+    actuators. duration: simulated time [s]. seed: added to those of random roads; 0 leaves them as they are. sensors:
     accuracy and noise of odom and imu. fidelity: how much of a vehicle is simulated (solver.levels); 'auto' is what the
     plan of this scene says. switches: subsystems of a vehicle that are 'off', at every level (SUBSYSTEMS,
     docs/scene.md). resolved: the scene as YAML text with every include and override expanded; load_scene_text() of it
@@ -238,6 +240,7 @@ class Scene:
     maneuver: Maneuver = field(default_factory=Maneuver)
     actuation: Actuation = field(default_factory=Actuation)
     assistance: Assistance = field(default_factory=Assistance)
+    controllers: tuple[Controller, ...] = ()
     integrator: IntegratorSettings = field(default_factory=IntegratorSettings)
     fidelity: Fidelity = 'full'
     switches: dict[str, Literal['on', 'off']] = field(default_factory=dict)
@@ -297,6 +300,9 @@ class Scene:
             require(
                 not isinstance(target, float | int) or target >= 0.0, where_, 'maneuver.speed.target', target, ahead
             )
+        for controller in self.controllers:
+            for name in (n for n in controller.outputs.values() if n not in names):
+                require(False, where_, 'controllers', name, 'the model has no such input' + suggestion(name, names))
         for name in (n for n in self.actuation.actuators if n not in names):
             require(False, where_, 'actuation.actuators', name, 'the model has no such input' + suggestion(name, names))
         needs = 'works on the brakes of single wheels: set actuation: {wheels: true}'

@@ -16,6 +16,7 @@ from solver.engine.stepping import Stepping
 from solver.errors import SpecError, StepError
 from solver.findings import LevelReport
 from solver.inputs.assistance import Feel, feel_of
+from solver.inputs.controllers import Controlled, Controller, unit_of
 from solver.inputs.driving import Driven
 from solver.inputs.maneuver import ManeuverSource
 from solver.inputs.recorded import RecordedSource
@@ -25,6 +26,7 @@ from solver.model.tables import Model
 from solver.output.branches import BranchSwitch, BranchWatch
 from solver.output.seen import Seen
 from solver.output.snapshot import NO_STEPS, Channels, Counters, Snapshot
+from solver.quantities import quantity
 from solver.scene import Scene
 from solver.step.adaptation import Adaptation
 from solver.step.constraint_coefficients import ConstraintCoefficients
@@ -69,6 +71,7 @@ class Simulation:
             scene.maneuver, scene.actuation, scene.assistance, scene.model.inputs, wheels, self.h_ns, self.engine.stage,
             speed=scene.start.speed, duration=scene.duration, lock=scene.model.lock,
             reaches=reaches(scene.model) | steering_reaches(scene.model),
+            controllers=[self._controlled(controller) for controller in scene.controllers],
         )  # fmt: skip
         self._require_followed()
         self._applied: np.ndarray | None = None
@@ -81,10 +84,24 @@ class Simulation:
             self.engine.start_like(like.engine, inputs)
         self.reset()
 
+    def _controlled(self, controller: Controller) -> Controlled:
+        """A controller of the scene, with what it measures in this simulation."""
+        names, inputs = controller.inputs.values(), self.scene.model.inputs
+        looked = [quantity(name, self.channels) for name in names]
+        units = dict(zip(names, (one.unit for one in looked), strict=True)) | {name: unit_of(name) for name in inputs}
+
+        def measured() -> np.ndarray:
+            numbers = self.snapshot().numbers
+            return np.array([one.of(numbers[one.places][None, :])[0, 0] for one in looked])
+
+        return Controlled(controller, inputs, self.h_ns, measured, units)
+
     def _require_followed(self) -> None:
         """Refuse what an engine that follows the maneuver by itself cannot see."""
         if self.engine.follows:
             given = {'driver': self.scene.maneuver.closed_loop, 'bag': self.scene.maneuver.bag}
+            if self.scene.controllers:
+                raise SpecError('controllers: a reference integrator takes none; use integrator.kind alf')
             for what in (name for name, there in given.items() if there):
                 raise SpecError(
                     f'maneuver: {what}: a reference integrator follows functions of time; use integrator.kind alf'

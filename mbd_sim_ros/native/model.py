@@ -173,6 +173,7 @@ def require_native(simulation: Simulation, *, applied: bool = False) -> None:
         (sources.driver, 'maneuver', 'a driver, who sees the motion'),
         (sources.assistant, 'assistance', 'assistance'),
         (sources.actuators, 'actuation', 'actuators'),
+        (sources.controllers or None, 'controllers', 'controllers'),
     ):
         if part is not None and not applied:
             raise SpecError(

@@ -11,6 +11,7 @@ import numpy as np
 
 from mbd_sim_ros.node import state_files
 from mbd_sim_ros.node.latch import DRIVING, Latch, Latched
+from solver.errors import SpecError
 from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
 from solver.inputs.command_filter import STEERING, CommandSource, further, uncommanded
@@ -34,6 +35,8 @@ class Driving:
     def __init__(self, scene: Scene, simulation: Simulation, latch: Latch, value: Callable[[str], Any]) -> None:
         self.simulation, self._scene, self._latch, self._value = simulation, scene, latch, value
         self.deaf = value('commands') != 'topics'
+        if scene.controllers and not self.deaf:
+            raise SpecError('controllers: they act beside the maneuver of a scene; start with commands:=maneuver')
         self.names = latch.commands
         self.uncommanded = uncommanded(base_names(simulation.channels.inputs), self.names)
         # whose actuators and assistance act, whoever drives; a recording has been through them, and has none

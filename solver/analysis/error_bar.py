@@ -298,7 +298,7 @@ def instants(steps: int) -> list[int]:
 def order(simulation: Simulation) -> int:
     """The power of the step with which the error of a run falls."""
     sources = simulation.sources
-    if sources.driver is not None or sources.assistant is not None:
+    if sources.driver is not None or sources.assistant is not None or sources.controllers:
         return 1
     return simulation.scene.integrator.order
 

@@ -11,6 +11,7 @@ import numpy as np
 from solver.errors import SpecError
 from solver.inputs.actuation import Actuation, Chain
 from solver.inputs.assistance import Assistance, Assistant, AssistedWheel, Feel
+from solver.inputs.controllers import Controlled
 from solver.inputs.driver import Sight
 from solver.inputs.driving import Driven, driving_of
 from solver.inputs.maneuver import DriverSource, Maneuver, source_of
@@ -22,8 +23,8 @@ class Sources:
 
     stage: where in a step the integrator balances forces. speed: at the start [m/s]. duration: of the simulation [s].
     reaches: what inputs may be. lock: angle of the steering wheel at its end stops [rad]. of_time: what depends on time
-    alone. wheels: for an assistance. driver, assistant, actuators: where there are any; what a recording says has
-    acted, so nothing lies behind it. Raises SpecError.
+    alone. wheels: for an assistance. driver, controllers, assistant, actuators: where there are any; what a recording
+    says has acted, so nothing lies behind it. Raises SpecError.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class Sources:
         duration: float,
         lock: float | None = None,
         reaches: Mapping[str, Reach] | None = None,
+        controllers: Sequence[Controlled] = (),
     ) -> None:
         self._maneuver, self._actuation, self._names, self._h_ns, self._stage = maneuver, actuation, names, h_ns, stage
         self._assistance, self.wheels, self._speed = assistance, wheels, speed
@@ -54,10 +56,12 @@ class Sources:
         self.driver = DriverSource(maneuver, names, h_ns, stage, speed, lock) if maneuver.closed_loop else None
         if self.driver is not None:
             self.of_time = self.driver.open_loop  # which the driver asks, so it knows up to where a verdict has to look
+        self.controllers = () if maneuver.bag else tuple(controllers)
         self.actuators = self.new_actuators() if actuation.actuators and not maneuver.bag else None
         self.assistant = self.new_assistant() if assistance and not maneuver.bag else None
         self._driving = None  # the driver in compiled code, where nothing that only Python knows lies behind him
-        if self.driver is not None and self.actuators is None and self.assistant is None:
+        behind = bool(self.controllers) or self.actuators is not None or self.assistant is not None
+        if self.driver is not None and not behind:
             self._driving = driving_of(maneuver.driver, maneuver.speed, tuple(names), h_ns * 1e-9, self.driver.lock)
 
     def new_actuators(self) -> Chain:
@@ -71,7 +75,8 @@ class Sources:
     @property
     def step_by_step(self) -> bool:
         """True where the inputs of a step depend on the steps before it."""
-        return any(part is not None for part in (self.driver, self.actuators, self.assistant))
+        parts = (self.driver, self.actuators, self.assistant)
+        return bool(self.controllers) or any(part is not None for part in parts)
 
     @property
     def drives(self) -> bool:
@@ -95,6 +100,8 @@ class Sources:
         """Back to t = 0: (nu,) the inputs there."""
         if self.driver is not None:
             self.driver.reset()
+        for controller in self.controllers:
+            controller.reset()
         if isinstance(self.of_time, RecordedSource):
             return self.of_time.start
         self.of_time.restart()
@@ -107,6 +114,8 @@ class Sources:
         """(nu,) inputs of step k; advances driver, assistance and actuators, so it is called once per step. sight: what
         the driver sees; feel: what the assistance measures."""
         row = self.of_time.sample(k) if self.driver is None else self.driver.sample(k, sight())
+        for controller in self.controllers:
+            row = controller.act(k, row)
         if self.assistant is not None:
             row = self.assistant.act(row, feel())
         return row if self.actuators is None else self.actuators.advance(row)
@@ -114,7 +123,8 @@ class Sources:
     def memory(self) -> dict[str, np.ndarray]:
         """State on which the inputs of the steps to come depend."""
         parts = {'driver': self.driver, 'actuators': self.actuators, 'assistance': self.assistant}
-        return {name: part.state for name, part in parts.items() if part is not None}
+        memory = {name: part.state for name, part in parts.items() if part is not None}
+        return memory | {f'controller_{i}': controller.state for i, controller in enumerate(self.controllers)}
 
     def recall(self, memory: Mapping[str, np.ndarray], inputs: np.ndarray, *, elsewhere: bool = False) -> None:
         """Go on from memory(). Raises SpecError where that is not of these.
@@ -130,6 +140,8 @@ class Sources:
                 self.actuators.start(inputs)
             if self.assistant is not None:
                 self.assistant.begin(inputs, memory.get('assistance'))
+            if self.controllers:
+                raise SpecError('restore: the state is that of another scene, and controllers begin at their start')
             return
         parts = (('driver', self.driver, 'has no driver'), ('actuators', self.actuators, 'has no actuators'))
         for name, part, be in (*parts, ('assistance', self.assistant, 'has no assistance')):
@@ -139,3 +151,7 @@ class Sources:
                 if memory[name].dtype != float:
                     raise SpecError(f'restore: {name} are not numbers: the saved state is of another model')
                 part.state = memory[name]
+        for i, controller in enumerate(self.controllers):
+            if f'controller_{i}' not in memory:
+                raise SpecError('restore: the saved state has no controllers: it is of another scene')
+            controller.state = memory[f'controller_{i}']
