@@ -365,7 +365,7 @@ def simulate(
             finally:
                 figures = run.close()
     if run.failure is not None:
-        if run.past is None or directory is None:
+        if run.past is None or directory is None or simulation.scene.controllers:  # which nobody asks to fail again
             raise run.failure
         begin = Saved.of(run.past.state) if run.past.state else state
         there = directory / LAST_STEPS

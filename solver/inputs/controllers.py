@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from solver.dimensions import Time
-from solver.errors import SpecError
+from solver.errors import SpecError, StepError
 from solver.inputs.command_filter import CommandSource
 from solver.inputs.recorded import ACCELERATION, RATE
 from solver.validate import finite, require
@@ -102,7 +102,8 @@ class Controlled:
         self._unit = None
 
     def act(self, k: int, row: np.ndarray) -> np.ndarray:
-        """The inputs (nu,) of step k with what the controller commands. Raises SpecError where it ends."""
+        """The inputs (nu,) of step k with what the controller commands. Raises SpecError where it does not begin, and
+        StepError where it ends."""
         if self._unit is None:
             c = self.controller
             self._unit = _Process(self._where)
@@ -121,11 +122,14 @@ class Controlled:
             self._held = self._next
             measured = self._measure()
             t, length = k * self._h, self._period * self._h
-            answer = self._unit.ask({'step': [t, length], 'inputs': measured.tolist()})
+            try:
+                answer = self._unit.ask({'step': [t, length], 'inputs': measured.tolist()})
+            except SpecError as error:
+                raise StepError(f'{error}; the run ends at t = {t:g} s') from None
             self._next = np.array(answer['values'], float)
         if not np.isfinite(self._held).all():
             worst = [*self.controller.outputs][int(np.flatnonzero(~np.isfinite(self._held))[0])]
-            raise SpecError(f'{self._where}: output {worst!r} is not finite at t = {k * self._h:g} s')
+            raise StepError(f'{self._where}: output {worst!r} is not finite at t = {k * self._h:g} s')
         row = row.copy()
         row[self._places] = self._held
         if self._filter is not None:

@@ -22,7 +22,7 @@ WHOLE = ('Integer', 'Int8', 'UInt8', 'Int16', 'UInt16', 'Int32', 'UInt32', 'Int6
 
 
 class Refused(Exception):
-    """What is not as it must be, as a sentence."""
+    """Refusal, as a sentence."""
 
 
 class Unit:

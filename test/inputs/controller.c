@@ -77,3 +77,22 @@ int fmi2DeSerializeFMUstate(void *u, const char from[], size_t size, void **stat
     *state = malloc(size);
     return memcpy(*state, from, size), 0;
 }
+
+/* Functions that importers look for and this unit is never asked for. */
+#define NEVER(name) \
+    int fmi2##name(void) { return 3; }
+NEVER(GetInteger)
+NEVER(SetInteger)
+NEVER(GetBoolean)
+NEVER(SetBoolean)
+NEVER(GetString)
+NEVER(SetString)
+NEVER(GetDirectionalDerivative)
+NEVER(SetRealInputDerivatives)
+NEVER(GetRealOutputDerivatives)
+NEVER(CancelStep)
+NEVER(GetStatus)
+NEVER(GetRealStatus)
+NEVER(GetIntegerStatus)
+NEVER(GetBooleanStatus)
+NEVER(GetStringStatus)
