@@ -119,6 +119,16 @@ def test_it_is_reset_saved_and_restored_to_the_same_bits(archive):
     np.testing.assert_array_equal(other.advance(30).numbers, expected)
 
 
+def test_it_acts_beside_a_driver_however_many_steps_a_call_makes(archive):
+    scene = load_scene('light_car_lane_change', settings(archive()))
+    one, other = simulation_of(scene), simulation_of(scene)
+    one.advance(40)
+    for _ in range(40):
+        other.advance(1)
+    assert one.inputs[one.channels.inputs.index('drive_torque')] > 50.0
+    np.testing.assert_array_equal(one.snapshot().numbers, other.snapshot().numbers)
+
+
 def test_a_unit_without_states_can_only_begin_at_its_start(archive):
     simulation = simulation_of(load_scene(SCENE, settings(archive(state=False))))
     simulation.advance(10)
