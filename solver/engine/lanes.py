@@ -42,7 +42,7 @@ class Group(Protocol):
     state: Transfer  # everything that a step changes and the future depends on
     shown: Transfer  # everything else that a lane leaves behind
 
-    def run(self, count: int, audit: bool, left: np.ndarray) -> None:
+    def run(self, count: int, audit: bool, final: bool, left: np.ndarray) -> None:
         """Advance all lanes `count` steps with the rows of `inputs`, or until none is left; left (LANES,)
         becomes the step at which a lane left, and stays -1 of those that did not."""
 
@@ -76,12 +76,14 @@ def advance_group(
         if not np.isfinite(given).all():  # refused before anything is advanced
             moved[lane] = engines[lane].advance(ks[lane], given, n, audit, group.lasts[lane])
     done, total = [0] * size, [NO_STEPS] * size
+    before = {lane: engines[lane].shown.numbers.copy() for lane in inputs}
     left = np.empty(LANES, np.int64)
     rows = group.inputs.numbers
     there: set[int] = set()  # lanes that hold the state of their engine
     first, count = 0, 0
     while (first := first + count) < n:
         count = min(group.block, n - first)
+        final = first + count == n
         going = [lane for lane in inputs if lane not in moved]
         if not going:
             break
@@ -93,7 +95,7 @@ def advance_group(
         group.flags.words[:] = sum(1 << lane for lane in going), 0
         group.flags.bind()
         left[:] = -1
-        group.run(count, audit, left)
+        group.run(count, audit, final, left)
         there.clear()
         group.block = min(BLOCK, 2 * group.block) if (left < 0).all() else max(SHORTEST, group.block // 2)
         for lane in going:
@@ -103,8 +105,9 @@ def advance_group(
                 total[lane] = total[lane].followed_by(group.counters(lane, stayed))
             if stayed == count:
                 take_out(group.state.table, lane, False)
-                take_out(group.shown.table, lane, False)
-                group.finish(lane)
+                if final:
+                    take_out(group.shown.table, lane, False)
+                    group.finish(lane)
                 there.add(lane)
                 continue
             rest = np.ascontiguousarray(_rows(inputs[lane], first + stayed, count - stayed))
@@ -113,6 +116,8 @@ def advance_group(
             total[lane] = total[lane].followed_by(part.counters)
             if part.failure or part.steps < count - stayed:  # failed, or somebody asks for an end
                 moved[lane] = Moved(done[lane], total[lane], part.failure)
+            if part.failure:  # what is shown stays as it was before the call
+                engines[lane].shown.numbers[:] = before[lane]
     return {lane: moved.get(lane) or Moved(done[lane], total[lane]) for lane in inputs}
 
 

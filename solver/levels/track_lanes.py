@@ -39,14 +39,13 @@ class _Box(NamedTuple):
 
 
 @kernel(borrow=True)
-def _run(tracks, box, index, count, audit, h, parts, kept, flags, left):
+def _run(tracks, box, index, count, audit, final, h, parts, kept, flags, left):
     """Advance lanes of single-track models `count` steps, or until none is left (solver.engine.lanes.Group.run)."""
     for k in range(count):
         keep(kept)
         u = box.inputs[k]
-        there = advance_once(
-            tracks.tables, tracks.y, tracks.before, u, index, audit, audit or k == count - 1, h, parts, tracks.work
-        )
+        seen = audit or (final and k == count - 1)
+        there = advance_once(tracks.tables, tracks.y, tracks.before, u, index, audit, seen, h, parts, tracks.work)
         if not there:
             flags[1] = flags[1] | flags[0]
             flags[0] = 0
@@ -69,11 +68,11 @@ class TrackGroup:
         self.inputs = LaneArray(zeros((BLOCK, len(lasts[0]), LANES)))
         self._box = Ref(_Box(self.inputs))
 
-    def run(self, count: int, audit: bool, left: np.ndarray) -> None:
+    def run(self, count: int, audit: bool, final: bool, left: np.ndarray) -> None:
         """See Group.run()."""
         first = self.engines[0]
         _run(
-            self._tracks, self._box, first.index, count, audit, first.h, first.parts, self.state.table,
+            self._tracks, self._box, first.index, count, audit, final, first.h, first.parts, self.state.table,
             self.flags.words, left,
         )  # fmt: skip
 

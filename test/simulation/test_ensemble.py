@@ -14,7 +14,7 @@ from solver.elements.road import FrictionPatch, RoadSpec
 from solver.ensemble import FEWEST, Ensemble
 from solver.errors import SpecError
 from solver.files.scene import load_scene
-from solver.inputs.maneuver import Maneuver
+from solver.inputs.maneuver import RATE, Maneuver
 from solver.inputs.signals import Sine, Step
 from solver.simulation import Simulation
 
@@ -111,6 +111,26 @@ def test_a_lane_that_fails_leaves_the_others_alone() -> None:
     require_same(together, alone)
 
 
+@pytest.mark.parametrize('audit', [True, False])
+def test_a_failure_late_in_a_call_leaves_what_was_shown_before_it(audit: bool) -> None:
+    """Steps are taken in blocks of 256: one that fails in the third block shows what it showed before the call, as a
+    single run does, and not what it was in the middle of it."""
+    together, alone = Ensemble(cars()), cars()
+    rows = np.zeros((COUNT, 700, len(together.channels.inputs)))
+    rows[2, 600:, together.channels.inputs.index('drive_torque')] = 1e308
+    for each in (together, *alone):
+        each.advance(10, audit=audit)
+    together.advance(700, rows, audit=audit)
+    for k, one in enumerate(alone):
+        if k == 2:
+            with pytest.raises(solver.StepError) as said:
+                one.advance(700, rows[k], audit=audit)
+            assert together.failures[k] == str(said.value)
+        else:
+            one.advance(700, rows[k], audit=audit)
+    require_same(together, alone)
+
+
 def test_simulations_stay_simulations() -> None:
     """One of them is saved, restored, advanced by itself and reset between two calls."""
     together, alone = Ensemble(cars()), cars()
@@ -152,6 +172,42 @@ def test_friction_that_changes_along_the_road_is_told_and_taken_one_after_the_ot
     together.advance(900)
     for one in alone:
         one.advance(900)
+    require_same(together, alone)
+
+
+SCENES = (
+    *('car_acceleration', 'car_circle', 'car_cleat', 'car_lane_change', 'car_obstacle_avoidance', 'car_rough_road'),
+    *('car_sine_with_dwell', 'car_split_mu_brake', 'car_step_steer', 'car_swept_steer', 'light_car_brake'),
+    *('light_car_circle', 'light_car_lane_change', 'light_car_step_steer', 'light_car_straight', 'handling_course'),
+    *('light_car_swept_steer', 'saloon_with_trailer'),
+)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('name', SCENES)
+def test_delivered_cars_have_the_bits_of_their_single_runs(name: str) -> None:
+    """Every car scene at the level single_track, if its vehicle has one: eight amplitudes of the steering, beyond what
+    the tires hold, and brakes that lock the wheels of one."""
+    try:
+        first = solver.simulation_of(load_scene(name, ['fidelity=single_track']))
+    except solver.MbdError as error:
+        pytest.skip(str(error))
+    together = Ensemble([first, *(first.twin(first.scene.duration) for _ in range(COUNT - 1))])
+    alone = [first.twin(first.scene.duration) for _ in range(COUNT)]
+    steps = min(3000, first.scene.steps)
+    t = np.arange(steps) * first.h
+    rows = np.zeros((COUNT, steps, len(together.channels.inputs)))
+    names = together.channels.inputs
+    for k in range(COUNT):
+        rows[k, :, names.index('steering')] = 1.5 * k * np.sin(2.0 * t)
+        rows[k, :, names.index('steering' + RATE)] = 3.0 * k * np.cos(2.0 * t)
+        rows[k, :, names.index('brake_torque')] = 20e3 * (k == 5) * (t > 1.0)
+    together.advance(steps, rows)
+    for k, one in enumerate(alone):
+        try:
+            one.advance(steps, rows[k])
+        except solver.StepError as error:
+            assert together.failures[k] == str(error)
     require_same(together, alone)
 
 
