@@ -114,7 +114,7 @@ def test_intervals_of_correlated_residuals_are_not_the_naive_ones() -> None:
             slow[:, k] += decay * slow[:, k - 1]
         x, noise = slow
         columns = np.column_stack([x, np.ones(n)])
-        fit = Regression(columns, 2.0 * x + noise, stretches(np.ones(n, bool)))
+        fit = Regression(columns, 2.0 * x + noise, stretches(n, 50.0))
         found = fit.estimate(lambda c: c[0])
         missed += not found.low <= 2.0 <= found.high
         half += found.half / 40
@@ -127,9 +127,7 @@ def test_what_rests_on_few_stretches_is_not_told() -> None:
     x = np.zeros(3200)
     x[100:250] = 1.0  # in two of the 32 stretches
     y = 2.0 * x + np.random.default_rng(0).standard_normal(x.size)
-    found = Regression(np.column_stack([x, np.ones(x.size)]), y, stretches(np.ones(x.size, bool))).estimate(
-        lambda c: c[0]
-    )
+    found = Regression(np.column_stack([x, np.ones(x.size)]), y, stretches(x.size, 50.0)).estimate(lambda c: c[0])
     assert not found.told
     assert 'independent stretches' in found.why
     assert STRETCHES == 32
@@ -172,6 +170,13 @@ def test_shifted_sensors_do_not_move_the_steady_state() -> None:
     result = recorded(sensors=shifted(ORDINARY, delay={'yaw_rate': 0.2, 'steering': 0.1}))
     assert result['understeer_gradient'] == pytest.approx(K, rel=0.03)
     assert result['yaw_rate_delay'] == pytest.approx(LAG + 0.1, abs=0.01)
+
+
+@pytest.mark.parametrize(('duration', 'corner'), [(9.0, 0.0), (20.0, 0.2), (120.0, 0.1), (60.0, 3.5)])
+def test_short_and_straight_drives_raise_no_alarm(duration: float, corner: float) -> None:
+    for seed in range(6):
+        t, signals = driven(seed, duration, corner=corner, busy=0.05)
+        assert checks(judged(ORDINARY.recorded(t, signals, seed))) == []
 
 
 def test_a_clock_that_drifts_is_named() -> None:

@@ -1,7 +1,7 @@
 """Figures with 95 % intervals from samples that are correlated in time.
 
-The moments of a drive are cut into STRETCHES successive stretches of equal time. A figure is computed from all of them
-and again without each one in turn, the jackknife that deletes a block [Kunsch1989]:
+The moments of a drive are cut into successive stretches of equal time, up to STRETCHES. A figure is computed from all
+of them and again without each one in turn, the jackknife that deletes a block [Kunsch1989]:
 
     se^2 = (G - 1)/G sum over g of (figure without g - figure)^2
 
@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 STRETCHES = 32  # a power of two; ten times as many are shorter than the memory of a car
+SHORTEST = 1.5  # s of a stretch at least; ten times as much leaves a drive of two minutes with eight of them
 MERGED = 8  # stretches at least after merging; fewer widen Student's interval more than they gain
 LEAST = 3.0  # stretches at least that a figure rests on; with ten times as many hardly any drive would tell one
 # Standard errors by which the correlation of neighbouring stretches is above zero, from which on they are merged.
@@ -64,10 +65,15 @@ def not_told(why: str) -> Estimate:
     return Estimate(math.nan, why=why)
 
 
-def stretches(used: np.ndarray) -> np.ndarray:
-    """(m,) number of the stretch, 0 to STRETCHES - 1, of each of the m samples where the mask `used` is True."""
-    m = int(used.sum())
-    return np.arange(m) * STRETCHES // max(m, 1)
+def stretches(count: int, rate: float) -> np.ndarray:
+    """(count,) number of the stretch, below STRETCHES, of each of the samples of a figure, `rate` of them a second.
+
+    Stretches last SHORTEST at least: a low-passed signal is correlated for as long. There are then a power of two of
+    them, with numbers as far apart as whole ones are after merging.
+    """
+    many = count / rate / SHORTEST
+    some = min(STRETCHES, 2 ** int(math.log2(many))) if many >= 1.0 else 1
+    return np.arange(count) * some // max(count, 1) * (STRETCHES // some)
 
 
 def estimate(value: float, without: np.ndarray, weights: np.ndarray) -> Estimate:

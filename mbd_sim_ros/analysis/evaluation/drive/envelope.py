@@ -44,7 +44,7 @@ def envelope(m: Moments) -> Envelope | None:
     used = m.among('speed', *names)
     ax, ay = ax[used], ay[used]
     figures = {}
-    stretch = stretches(used)
+    stretch = stretches(int(used.sum()), s.rate)
     for name, values in (('left', ay), ('right', -ay), ('drive', ax), ('brake', -ax)):
         found = quantile(values, stretch, PART)
         small = not found.why and found.value < SMALL

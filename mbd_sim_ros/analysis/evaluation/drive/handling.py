@@ -135,7 +135,7 @@ def handling(m: Moments, high: float, ratio: float, wrong: str, late: float = 0.
     if not constant:  # an offset of the yaw rate is one of the steering that falls with the speed
         others.append(1.0 / v - np.mean(1.0 / v))
     geometry = np.arctan(L * curvature) / L if L > 0.0 else curvature
-    stretch = stretches(used)
+    stretch = stretches(int(used.sum()), m.s.rate)
     usual = float(np.mean(v * v)) if v.size else 1.0
     nothing = not_told(why)
     result = Handling(used, float(used.sum()) / m.s.rate, *(nothing,) * 8, a, np.full(a.size, math.nan))
@@ -231,7 +231,9 @@ def gradients(m: Moments, high: float) -> dict[str, Estimate]:
             name = 'lateral_acceleration' if 'lateral_acceleration' in m.s else ''
             a = m.smooth(name, CALM) if name else m.smooth('speed', CALM) * m.smooth('yaw_rate', CALM)
             columns = np.column_stack([a, np.ones(a.size), m.rate(a), m.rate(m.rate(a))])[used]
-            found = Regression(columns, m.smooth('roll', CALM)[used], stretches(used)).estimate(lambda c: c[0])
+            found = Regression(columns, m.smooth('roll', CALM)[used], stretches(int(used.sum()), m.s.rate)).estimate(
+                lambda c: c[0]
+            )
             result['roll_gradient'] = _narrow(found, 'rad s^2/m', 1.0 / CLEAR)
     if 'sideslip_angle' in m.s:
         used = steady(m, high, 'sideslip_angle')
@@ -241,7 +243,7 @@ def gradients(m: Moments, high: float) -> dict[str, Estimate]:
         else:
             path, pushed, changes = _steady_state(m)
             columns = np.column_stack([path, pushed, np.ones(path.size), *changes])[used]
-            fit = Regression(columns, m.smooth('sideslip_angle', CALM)[used], stretches(used))
+            fit = Regression(columns, m.smooth('sideslip_angle', CALM)[used], stretches(int(used.sum()), m.s.rate))
             result['sideslip_gradient'] = _narrow(fit.estimate(lambda c: c[1]), 'rad s^2/m', 1.0 / CLEAR)
             result['sideslip_place'] = _narrow(fit.estimate(lambda c: c[0]), 'm', 1.0 / PLACE)
     return result

@@ -236,13 +236,16 @@ def _responses(m: Moments, p: OrdinaryDrive, wrong: str, charts: list[Chart]) ->
             curves = []
             for band, style in zip(found, ('run', 'reference', 'third')):
                 told = [one for one in band.outputs[output] if getattr(one, what).told]
+                if not told:
+                    continue
                 f = np.array([one.frequency for one in told])
                 values = [getattr(one, what) for one in told]
                 curves.append(Curve(f'{band.speed:.3g} m/s', f, np.array([v.value for v in values]), style))
                 curves += [
                     Curve('', f, np.array([getattr(v, bound) for v in values]), 'other') for bound in ('low', 'high')
                 ]
-            charts.append(Chart(title=f'{text}, {what}', x=('frequency', 'Hz'), y=axis, curves=tuple(curves)))
+            if curves:
+                charts.append(Chart(title=f'{text}, {what}', x=('frequency', 'Hz'), y=axis, curves=tuple(curves)))
         coherences = []
         for band, style in zip(found, ('run', 'reference', 'third')):
             f, of = np.array([(one.frequency, one.coherence) for one in band.outputs[output]]).T

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbd_sim_ros.analysis.evaluation.drive.blocks import STRETCHES, Estimate, Regression, not_told
+from mbd_sim_ros.analysis.evaluation.drive.blocks import Estimate, Regression, not_told, stretches
 from mbd_sim_ros.analysis.evaluation.drive.handling import CALM, VARIES, steering_of
 from mbd_sim_ros.analysis.evaluation.drive.moments import SMOOTH, Moments, held
 from mbd_sim_ros.analysis.evaluation.measures import low_passed
@@ -31,6 +31,10 @@ LAG = 1.0  # largest delay that is sought [s]; ten times as much matches one ben
 TINY = 1e-3  # of the largest product of powers at a lag, below which there is nothing to correlate; 1 leaves one lag
 FOLLOWS = 0.5  # correlation from which on one signal follows another; ten times as much does not exist
 LEAST_TIME = 5.0  # s of common moments at least; ten times as much is not in a drive of minutes
+# Correlation from which on a unit, a shift or a drift is named: noise of 1 - CLEAR^2 of the power makes a factor as
+# much smaller; and from which on a sign is.
+CLEAR, SIDE = 0.95, 0.7
+LONG = 30.0  # s of moments, from which on shifts and drifts are named; ten times as much is not in a lap
 FACTOR = 0.15  # of a factor from 1 that a tilt of the body or the slip of a wheel may explain; 1.5 hides a sign
 SHIFT = 0.05  # s of a time shift between sensors that is named; ten times as much is never seen on a bus
 SLIPPING = 0.3  # s, delay of a wheel speed that slip may look like; ten times as much is a stop from walking pace
@@ -87,35 +91,49 @@ class Relation(NamedTuple):
         return self.factor.told and self.fault is None and kind in self.clears and sure
 
 
-def follows(
-    m: Moments, x: np.ndarray, y: np.ndarray, used: np.ndarray, others: Sequence[np.ndarray] = ()
-) -> tuple[Estimate, Estimate, Estimate, Estimate]:
-    """(factor, delay [s], offset, drift) of y behind x, smooth signals (n,); drift: change of the delay over the drive
-    [s]. others: what y holds besides."""
+class Following(NamedTuple):
+    """One signal behind another: factor, delay [s], offset, drift: change of the delay over the drive [s]. correlation:
+    of both, without the delay."""
+
+    factor: Estimate
+    delay: Estimate
+    offset: Estimate
+    drift: Estimate
+    correlation: float
+
+
+def follows(m: Moments, x: np.ndarray, y: np.ndarray, used: np.ndarray, others: Sequence[np.ndarray] = ()) -> Following:
+    """y behind x, smooth signals (n,). others: what y holds besides."""
     rate = m.s.rate
     if used.sum() < LEAST_TIME * rate:
-        return (not_told(f'only {used.sum() / rate:.3g} s of it, at least {LEAST_TIME:g} s are needed'),) * 4
+        return Following(
+            *(not_told(f'only {used.sum() / rate:.3g} s of it, at least {LEAST_TIME:g} s are needed'),) * 4, 0.0
+        )
     if not (float(np.std(x[used])) > 0.0 and float(np.std(y[used])) > 0.0):
-        return (not_told('a signal is constant'),) * 4
+        return Following(*(not_told('a signal is constant'),) * 4, 0.0)
     lag, correlation = _lag(x, y, used, rate)
     if abs(correlation) < FOLLOWS:
-        return (not_told(f'their correlation is {correlation:.2f}, at least {FOLLOWS:g} is needed'),) * 4
+        return Following(
+            *(not_told(f'their correlation is {correlation:.2f}, at least {FOLLOWS:g} is needed'),) * 4, 0.0
+        )
     k = round(lag * rate)
     n = x.size
     at = np.flatnonzero(used)
     at = at[(at + k >= 0) & (at + k < n)]
     at = at[used[at + k]]
     dx = m.rate(x)
-    stretch = np.arange(at.size) * STRETCHES // at.size
+    stretch = stretches(at.size, rate)
     columns = [x[at], dx[at], np.ones(at.size), *(other[at] for other in others)]
     fit = Regression(np.column_stack(columns), y[at + k], stretch)
     late = k / rate
     delay = fit.estimate(lambda c: late - c[1] / c[0])
     middle = m.s.t[at] - np.mean(m.s.t[at])
     length = float(np.ptp(m.s.t[at]))
-    trend = Regression(np.column_stack([*columns, middle * dx[at]]), y[at + k], stretch)
-    drift = trend.estimate(lambda c: -length * c[-1] / c[0])
-    return fit.estimate(lambda c: c[0]), delay, fit.estimate(lambda c: c[2]), drift
+    drift = not_told(f'less than {LONG:g} s of moments')
+    if at.size >= LONG * rate:
+        trend = Regression(np.column_stack([*columns, middle * dx[at]]), y[at + k], stretch)
+        drift = trend.estimate(lambda c: -length * c[-1] / c[0])
+    return Following(fit.estimate(lambda c: c[0]), delay, fit.estimate(lambda c: c[2]), drift, abs(correlation))
 
 
 def _lag(x: np.ndarray, y: np.ndarray, used: np.ndarray, rate: float) -> tuple[float, float]:
@@ -175,13 +193,14 @@ def _relation(
     delay that changes is that of a clock."""
     sensors = tuple(c for part in (*y, *x) for c in (('x', 'y') if part == 'place' else (part,)))
     used = m.among(*sensors)
-    factor, delay, offset, drift = follows(m, value, follower, used, others)
+    factor, delay, offset, drift, correlation = follows(m, value, follower, used, others)
+    clear, is_long = correlation >= CLEAR, used.sum() >= LONG * m.s.rate
     fault = None
-    if factor.told and factor.value < 0.0 and factor.outside(-FACTOR, math.inf):
+    if (clear or (is_long and correlation >= SIDE)) and factor.value < 0.0 and factor.outside(-FACTOR, math.inf):
         fault = Fault('swap' if len(y) == 2 else 'sign', f'{text}: factor {factor.value:.3g}')
-    elif factor.told and one and factor.outside(1.0 - FACTOR, 1.0 + FACTOR):
+    elif clear and one and factor.outside(1.0 - FACTOR, 1.0 + FACTOR):
         fault = Fault('unit', f'{text}: factor {factor.value:.4g}')
-    else:
+    elif clear and is_long:
         fault = _in_time(text, delay, drift if drifts else not_told('slip'), bounds)
     return Relation(name, text, y, x, unit, factor, delay, offset, fault, clears)
 
@@ -271,12 +290,12 @@ def steered(m: Moments) -> Relation | None:
     k = 0.0 if fit.dependent else -fit.theta[2]
     asked = v * steering.angle / np.maximum(1.0 + k * v * v, LEAST_GAIN)
     # the second derivative takes up that the lag of a car is no pure delay: the delay is that of slow steering
-    factor, delay, offset, drift = follows(m, asked, r, used, [v, m.rate(m.rate(asked))])
+    factor, delay, offset, drift, correlation = follows(m, asked, r, used, [v, m.rate(m.rate(asked))])
     text = 'yaw rate behind the steering'
     fault = None
-    if factor.told and factor.high < 0.0:
+    if correlation >= SIDE and factor.high < 0.0:
         fault = Fault('sign', OPPOSED)
-    elif factor.told:
+    elif correlation >= CLEAR and used.sum() >= LONG * m.s.rate:
         fault = _in_time(text, delay, drift, (-SHIFT, CAUSE))
     return Relation(
         'steered', text, ('yaw_rate',), ('steering',), 'rad/s', factor, delay, offset, fault, ('sign', 'drift')
