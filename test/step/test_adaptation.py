@@ -3,6 +3,8 @@ bit by bit."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from closed_forms import driven_four_bar, falling_four_bar, heavy_body, pendulum, spring_mass, steady_top
@@ -413,3 +415,47 @@ def test_nothing_is_compiled_while_a_run_adapts():
 def test_settings_that_cannot_work_are_refused(settings, says):
     with pytest.raises(SceneError, match=says):
         load_scene('pendulum', [f'integrator.{s}' for s in settings])
+
+
+def nearly_equal_crank(excess: float, tolerance: float) -> Simulation:
+    """A crank of 1 m with a rod that is longer by `excess` [m]: it passes a position where the rod nearly folds onto
+    the crank, and the slider is pulled through within about excess / (3 m/s)."""
+    rod, half = 1.0 + excess, 0.5**0.5
+    end, turn = half + (rod * rod - 0.5) ** 0.5, -math.asin(half / rod)
+    return Simulation(
+        load_scene_text(
+            f"""
+mechanism:
+  gravity: [0, -9.81, 0]
+  bodies:
+    crank: {{mass: 1, inertia: [1.0e-4, 0.0833, 0.0833], com: [0.5, 0, 0], rpy: [0, 0, {math.pi / 4.0!r}]}}
+    rod:
+      mass: 1
+      inertia: [1.0e-4, 0.0833, 0.0833]
+      com: [{0.5 * rod!r}, 0, 0]
+      position: [{half!r}, {half!r}, 0]
+      rpy: [0, 0, {turn!r}]
+    slider: {{mass: 1, inertia: [0.1, 0.1, 0.1], position: [{end!r}, 0, 0]}}
+  joints:
+    A: {{kind: revolute, i: world, j: crank, at: [0, 0, 0], axis: [0, 0, 1]}}
+    B: {{kind: revolute, i: crank, j: rod, at: [{half!r}, {half!r}, 0], axis: [0, 0, 1]}}
+    C: {{kind: revolute, i: rod, j: slider, at: [{end!r}, 0, 0], axis: [0, 0, 1]}}
+    D: {{kind: prismatic, i: world, j: slider, at: [{end!r}, 0, 0], axis: [1, 0, 0]}}
+start: {{coordinates: {{A: {{rate: -3.0}}}}}}
+integrator: {{h: 0.002, mode: tolerance, step_policy: error, error_tolerance: {tolerance!r}}}
+duration: 2
+"""
+        )
+    )
+
+
+@pytest.mark.parametrize('excess', [0.1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 0.0, -1e-3, -1e-2, -0.1])
+def test_error_control_passes_a_nearly_equal_crank_or_names_its_singular_position(excess: float) -> None:
+    """A rate of 1e-3 for 2 s leaves 2e-3 of velocities, and twice that of the 28 J that go from one form to another."""
+    run = nearly_equal_crank(excess, 1e-3)
+    try:
+        run.advance(run.scene.steps)
+    except StepError as error:
+        assert abs(excess) < 1e-3 and 'passes next to a singular position' in str(error)
+    else:
+        assert run.totals()['energy_error_max'] < 4e-3 * 28.0
