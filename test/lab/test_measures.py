@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 
 from mbd_sim_ros.commands.main import main
-from mbd_sim_ros.lab.benchmarks import endurance, growth, idle, rigs, single, start, threads, verdicts
+from mbd_sim_ros.lab.benchmarks import endurance, growth, idle, lanes, rigs, single, start, threads, verdicts
+from mbd_sim_ros.lab.benchmarks.suite import MEASURES
 from mbd_sim_ros.lab.peers.exudyn import PYTHON
 from mbd_sim_ros.lab.peers.rig import RUNOUT, SPIN, TIRE, car_on_rig, plain
 from solver.errors import SceneError, SpecError
@@ -61,6 +62,26 @@ def test_every_figure_is_there(run: dict[str, Any]) -> None:
     assert cases['alone']['steps'] == 1000
     assert cases['alone']['simulated'] == pytest.approx(1.0)
     assert cases['pair']['figures']['speedup'] > 0.0
+
+
+def test_what_is_measured_is_shown() -> None:
+    """A measure without a table would be run and told to nobody."""
+    assert {*verdicts.TITLES, 'steps', 'record', 'publish'} == {*MEASURES}
+
+
+@pytest.mark.slow
+def test_cars_in_lanes_make_the_steps_that_they_make_alone() -> None:
+    """Of each round those in lanes are taken back, and made one after the other."""
+    case = lanes.Lanes('light_car_step_steer', [])
+    case.round(lanes.BATCH)
+    ensemble, rows = case._cars['single_track']
+    alone = ensemble.simulations[3].twin(10.0)
+    alone.advance(lanes.SKIPPED, rows[3, : lanes.SKIPPED])
+    alone.advance(lanes.BATCH, rows[3, lanes.SKIPPED : lanes.SKIPPED + lanes.BATCH])
+    assert alone.snapshot().numbers.tobytes() == ensemble.simulations[3].snapshot().numbers.tobytes()
+    found = case.figures()
+    assert list(found['figures']) == list(lanes.FIGURES) and found['steps'] == lanes.BATCH
+    assert all(value > 0.0 for value in found['figures'].values())
 
 
 def test_the_idle_loop_is_as_long_as_the_step_and_late_steps_are_counted_beyond_late_loops() -> None:

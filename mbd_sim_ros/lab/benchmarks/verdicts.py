@@ -32,6 +32,10 @@ TITLES = {  # of the measures whose table has one line per case and one column p
     'growth': ('Growth with the number of bodies', 'CPU time of steps in a batch, and memory.'),
     'threads': ('Simulations in threads', ''),
     'levels': ('Levels of detail', 'CPU time of one thread, in turns.'),
+    'lanes': (
+        'Eight cars in the lanes of a core',
+        'CPU time of one thread per car and step, in turns with the same cars one after the other.',
+    ),
     'peers': (
         'The car on a rig, here and in Exudyn',
         'CPU time per simulated millisecond on one core, in turns.',
