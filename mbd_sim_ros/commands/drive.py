@@ -135,11 +135,16 @@ def _drive_scene(args: argparse.Namespace, server: Server) -> Result:
     data = {
         'status': session.verdict['status'], 'findings': session.verdict['findings'], 'scene': scene.name,
         'recordings': [str(one) for one in session.runs], 'simulated_time': session.simulation.t_ns * 1e-9,
-        'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips, **server.counts(),
+        'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips,
+        'dropped_instants': session.unrecorded, **server.counts(),
     }  # fmt: skip
     driven = f'{data["simulated_time"]:.2f} s in the last run, {loop.steps} steps, {loop.overruns} late'
     rows = [('verdict', data['status']), ('driven', driven), _pages(server)]
     rows += [('recorded in', one) for one in data['recordings']]
+    if session.unrecorded:
+        rows.append(
+            ('NOT RECORDED', f'{session.unrecorded} instants, for the disk was too slow; their inputs are there')
+        )
     rows += [('SUSPECT', found['text']) for found in data['findings']]
     return Result(data=data, text=table(rows), code=0 if data['status'] == 'ok' else 1)
 
@@ -164,7 +169,9 @@ def _session(args: argparse.Namespace) -> Session:
     if scene.fidelity == 'single_track':
         raise SpecError(f'scene {scene.name!r}: the level single_track has no bodies to draw; take --fidelity kc')
     if getattr(scene.model, 'tires', ()):
-        scene = load_published(name, [*overrides, 'actuation.wheels=true', 'actuation.steering=angle'])  # the handbrake
+        wheels = scene.fidelity not in ('kc', 'auto')  # the handbrake needs brakes of single wheels, which kc has not
+        more = [f'actuation.wheels={str(wheels).lower()}', 'actuation.steering=angle']
+        scene = load_published(name, [*overrides, *more])
     if scene.integrator.kind not in KINDS:
         raise SpecError(
             f'integrator: kind = {scene.integrator.kind!r}: mbd drive steps with {" or ".join(KINDS)}; take one'

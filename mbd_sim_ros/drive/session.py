@@ -66,6 +66,7 @@ class Session:
         self.show: Callable[[bytes], None] = lambda picture: None
         self.runs: list[Path] = []
         self.run, self.failed = 1, ''
+        self.unrecorded = 0  # instants that a slow disk left no time for; the inputs of their steps are recorded
         self.verdict: dict[str, Any] = {}
         self._held: tuple[Held, float] | None = None  # what a page holds, and when it said so
         self._asked: dict[str, Future] = {}  # what pages asked for last, by name
@@ -246,6 +247,7 @@ class Session:
         if self._writing is None:
             return
         recorder, self._writing = self._writing[1], None
+        self.unrecorded += recorder.dropped
         figures = {
             'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips,
             'wall_time': f'{loop.wall_time:.3f}',

@@ -72,7 +72,9 @@ class Car:
             for axle in ('front', 'rear')
         }
         radius = float(np.mean([p[2] for p in wheels.values()]))
-        gain = next((f.input_gain for f in model.coordinate_forces if f.input == 'drive_torque'), 1.0)
+        # torque of all wheels together per torque that is commanded: several axles or motors have a share each
+        driven = [f for f in model.coordinate_forces if f.input == 'drive_torque']
+        gain = sum(abs(f.input_gain * factor) for f in driven for _, factor in f.terms) or 1.0
         mass = sum(b.mass for b in model.bodies)
         return cls(
             wheelbase=x['front'] - x['rear'],

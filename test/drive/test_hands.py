@@ -159,3 +159,11 @@ def test_the_seat_of_the_full_car_has_its_mass_and_its_steering() -> None:
     assert seat.ratio == pytest.approx(scene.maneuver.driver.ratio, rel=0.05)
     assert seat.wheelbase == pytest.approx(scene.maneuver.driver.wheelbase, rel=0.01)
     assert seat.rear == ('brake_torque_rear_left',)
+
+
+@pytest.mark.parametrize('vehicle', ['light_car', 'pickup_awd', 'electric_4wd', 'compact_fwd'])
+def test_torque_per_acceleration_counts_all_axles_and_motors(vehicle: str) -> None:
+    """A torque that is commanded reaches the wheels whole, whatever its shares are: mass times radius of the wheels."""
+    scene = load_scene('handling_course', [f'vehicle=vehicles/{vehicle}.yaml'])
+    seat = Seat.of(scene, ('steering', 'drive_torque', 'brake_torque'))
+    assert seat.inertia == pytest.approx(seat.braking, rel=1e-12)
