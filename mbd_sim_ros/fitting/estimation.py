@@ -207,7 +207,8 @@ def covariance_of(problem: Problem, found: Found) -> tuple[np.ndarray, np.ndarra
     # half the distance of the quantiles of one sd: a replicate with next to no information does not count
     low, high = np.quantile(centred, [0.1587, 0.8413], axis=0)
     scale = float(student.ppf(0.975, max(count - 1, 1))) / 1.96
-    spread = 0.5 * (high - low) * scale
+    # what is known before bounds it: a window with which the car nearly spins says less than that
+    spread = np.minimum(0.5 * (high - low) * scale, 1.0 / np.sqrt(np.maximum(prior, 1e-24)))
     sd = np.sqrt(np.diag(whole))
     factor = np.maximum(1.0, spread / sd)
     return whole * np.outer(factor, factor), factor

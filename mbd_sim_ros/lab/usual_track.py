@@ -79,7 +79,7 @@ class UsualTrack:
         return dataclasses.replace(self.numbers[name][1], keys=(name,))
 
     def value(self, name: str) -> float:
-        """Where a fit begins."""
+        """Value with which a fit begins."""
         return self.numbers[name][0]
 
     def class_sd(self, name: str) -> float:

@@ -120,7 +120,7 @@ def study(
             'parameter': name, 'sought': 'yes' if own[0]['sought'] else 'no',
             'inside [%]': 100.0 * _mean(own, 'inside'),
             'RMS of (value - truth) / sd': float(np.sqrt(np.mean([float(row['off']) ** 2 for row in own]))),
-            'sd / sd known before': _mean(own, 'gained'), 'bootstrap': _mean(own, 'bootstrap'),
+            'median of sd / sd known before': _median(own, 'gained'), 'median of bootstrap': _median(own, 'bootstrap'),
         })  # fmt: skip
     report = Report(out, 'Intervals of mbd fit')
     report.text(
@@ -143,6 +143,10 @@ def study(
     report.check('refused [%]', 100.0 * len(refused) / count, 5.0)
     report.write()
     return {'coverage': pooled, 'parameters': table, 'refused': refused, 'checks': report.checks}
+
+
+def _median(rows: list[dict], key: str) -> float:
+    return float(np.median([row[key] for row in rows]))
 
 
 def _mean(rows: list[dict], key: str) -> float:
