@@ -70,7 +70,7 @@ def page(server: Server, **changes: Any) -> ClientConnection:
 def told(connection: ClientConnection, **wanted: Any) -> dict[str, Any]:
     """The next account in which these stand."""
     for _ in range(50):
-        said = connection.recv(timeout=5.0)
+        said = connection.recv(timeout=20.0)
         if isinstance(said, str) and wanted.items() <= (account := json.loads(said)).items():
             return account
     raise AssertionError(f'nobody said {wanted}')
@@ -83,7 +83,7 @@ def vanish(connection: ClientConnection) -> None:
     connection.socket.close()
 
 
-def until(condition: Callable[[], object], seconds: float = 5.0) -> None:
+def until(condition: Callable[[], object], seconds: float = 20.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end
@@ -210,13 +210,13 @@ def pictures(connection: ClientConnection, seconds: float, *, answers: bool) -> 
 def test_a_page_that_takes_no_pictures_gets_the_newest_when_it_does_and_others_get_all(server: Server) -> None:
     slow, quick = page(server), page(server)
     taken: list[bytes] = []
-    reader = threading.Thread(target=lambda: taken.extend(pictures(quick, 2.0, answers=True)))
+    reader = threading.Thread(target=lambda: taken.extend(pictures(quick, 3.0, answers=True)))
     reader.start()
     until(lambda: server.pages == 2)
     for k in range(100):
         server.show(struct.pack('<d', k))
         time.sleep(0.01)
-    late = pictures(slow, 0.5, answers=False)
+    late = pictures(slow, 1.0, answers=False)
     assert len(late) == WINDOW
     slow.send(json.dumps({'seen': int.from_bytes(late[-1][:8], 'little')}))
     newest = pictures(slow, 0.5, answers=False)
@@ -224,7 +224,7 @@ def test_a_page_that_takes_no_pictures_gets_the_newest_when_it_does_and_others_g
     account = told(slow, pages=2)
     assert account['dropped'] == 100 - WINDOW - 1
     reader.join()
-    assert len(taken) > 50  # as many as a busy machine lets through
+    assert len(taken) > 20  # as many as a busy machine lets through
     assert struct.unpack('<d', taken[-1][8:]) == (99.0,)
     numbers = [int.from_bytes(one[:8], 'little') for one in taken]
     assert numbers == sorted(set(numbers))
@@ -235,7 +235,7 @@ def test_the_road_around_is_told_once_and_again_when_it_is_another_one(server: S
 
     def hears(road: str) -> None:
         while road not in heard:
-            said = one.recv(timeout=5.0)
+            said = one.recv(timeout=20.0)
             heard.extend([said] if isinstance(said, str) else [])
 
     with page(server) as one:
@@ -293,7 +293,7 @@ def test_a_message_that_is_too_long_ends_its_page_alone(server: Server) -> None:
         one.send('x' * 10_000)
         with pytest.raises(ConnectionClosed):
             while True:
-                one.recv(timeout=5.0)
+                one.recv(timeout=20.0)
         assert told(other, pages=1)
 
 
@@ -363,7 +363,7 @@ def test_pages_that_come_and_go_leave_the_server_alive(server: Server, desk: Stu
     with page(server) as last:
         told(last, driving=True, pages=1)
         server.show(b'alive')
-        until(lambda: any(isinstance(said, bytes) and said.endswith(b'alive') for said in [last.recv(timeout=5.0)]))
+        until(lambda: any(isinstance(said, bytes) and said.endswith(b'alive') for said in [last.recv(timeout=20.0)]))
 
 
 def test_a_port_that_is_taken_is_one_sentence(server: Server, desk: Stub) -> None:
@@ -396,6 +396,6 @@ def test_closing_ends_all_pages(server: Server) -> None:
     server.close()
     with pytest.raises(ConnectionClosed):
         while True:
-            one.recv(timeout=5.0)
+            one.recv(timeout=20.0)
     server.show(b'')  # harms nobody
     server.tell()
