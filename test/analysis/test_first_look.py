@@ -331,3 +331,28 @@ def test_columns_of_another_clock_are_not_compared(capsys: pytest.CaptureFixture
     assert set(found.mapping) == {'odom/twist/vx', 'imu/wz', 'imu/ay'}
     assert 'its times meet no others' in next(c for c in found.columns if c.name == 'clock/heading').why[0]
     assert capsys.readouterr().err == ''
+
+
+def test_what_only_evaluations_have_a_signal_for_stands_as_a_line_to_be_uncommented(tmp_path, capsys):
+    """A table without a steering wheel: with these lines it has the angles that mbd evaluate --as drive asks for."""
+    truth = car()
+    t = np.arange(N) * DT
+    road = truth['steering'] / RATIO
+    inner = 1.0 + 0.3 * np.sign(road) * np.abs(road)  # of the wheel on the left
+    columns = {
+        'Time [s]': t, 'GPS Speed [m/s]': truth['speed'], 'gyro_z [rad/s]': truth['yaw_rate'],
+        'LatAcc [m/s^2]': truth['ay'], 'LongAcc [m/s^2]': truth['ax'], 'deltaFL [rad]': road * inner,
+        'deltaFR [rad]': road / inner,
+    }  # fmt: skip
+    file = tmp_path / 'lap.csv'
+    np.savetxt(file, np.column_stack([*columns.values()]), delimiter=',', header=','.join(columns), comments='')
+    assert main(['compare', str(file), '--look']) == 0
+    text = capsys.readouterr().out
+    assert '  # road_angle_left: {channel: deltaFL, unit: rad}    # for mbd evaluate\n' in text
+    (tmp_path / 'car.yaml').write_text(text.replace('  # road_angle', '  road_angle'))
+    command = ['evaluate', str(file), '--as', 'drive', '--mapping', str(tmp_path / 'car.yaml'), '--json']
+    assert main([*command, '--set', f'wheelbase={WHEELBASE}']) == 0
+    figures = json.loads(capsys.readouterr().out)['results'][0]['figures']
+    # the linear car has K = 0.003 rad s^2/m, and angles instead of their tangents, 1e-3 of them
+    assert figures['understeer_gradient']['value'] == pytest.approx(0.003, rel=0.02)
+    assert figures['ratio_times_wheelbase']['value'] == pytest.approx(WHEELBASE, rel=0.02)

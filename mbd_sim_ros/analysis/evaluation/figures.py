@@ -143,8 +143,9 @@ def sentence(results: Sequence[Result]) -> str:
     """Sentence that says if all limits of the norms are kept. A limit that was not judged is not counted among those
     that are kept."""
     figures = [figure for result in results for figure in result.figures]
-    if told := sum(figure.interval is not None for figure in figures):
-        return f'{told} figures with intervals of 95 %, {sum(bool(figure.why) for figure in figures)} {UNTOLD}'
+    told, untold = sum(f.interval is not None for f in figures), sum(bool(f.why) for f in figures)
+    if told or untold:
+        return f'{told} figures with intervals of 95 %, {untold} {UNTOLD}'
     left = sum(bool(figure.limit) and figure.ok is None for figure in figures)
     passed = verdict(result.passed for result in results)
     if passed is None:

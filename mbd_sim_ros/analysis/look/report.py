@@ -77,6 +77,9 @@ def as_yaml(found: Look, run: Run, place: str) -> str:
                     [TEXTS[c.role.what], *([c.unit] if c.unit else []), *(['turned'] if c.sign == -1 else [])]
                 )
                 lines += _comment(f'{c.name} ({known}): {"; ".join(_why(c))}', '  ')
+                if c.told and (signal := _signal(c)):
+                    source = ', '.join(f'{key}: {_quoted(value)}' for key, value in _source(c).items())
+                    lines.append(f'  # {signal}: {{{source}}}    # for mbd evaluate')
     unnamed = [c.name for c in found.columns if not c.role.what]
     if unnamed:
         more = f' and {len(unnamed) - MOST} more' if len(unnamed) > MOST else ''
@@ -85,6 +88,14 @@ def as_yaml(found: Look, run: Run, place: str) -> str:
     for topic, why in run.left_out.items():
         lines += _comment(f'Not read: {topic}: {why}')
     return '\n'.join(lines)
+
+
+def _signal(c: Column) -> str:
+    """Signal of evaluations that an identified column is, which no channel of ours fits; '' where there is none."""
+    side = {'front_left': '_left', 'front_right': '_right', '': ''}.get(c.role.corner)
+    if c.role.what == 'road_angle':
+        return '' if side is None else f'road_angle{side}'
+    return {'yaw': 'heading', 'sideslip': 'sideslip_angle'}.get(c.role.what, '')
 
 
 def _source(c: Column) -> dict[str, Any]:

@@ -210,7 +210,7 @@ def test_what_a_drive_does_not_tell_has_its_reason() -> None:
     frozen = judged(Sensors().recorded(t, {**signals, 'yaw_rate': 0.0 * t}, 1))
     assert 'yaw rate never changes' in checks(frozen)
     assert why(judged(ORDINARY.recorded(t, {'speed': signals['speed']}, 1)), 'understeer_gradient') == (
-        'the recording has no yaw rate'
+        'the recording has no yaw rate; map it as yaw_rate'
     )
 
 

@@ -118,7 +118,11 @@ def _steering(
     }
     steering = handling.steering_of(m, handling.CALM) if 'yaw_rate' in m.s else None
     if steering is None or side is None:
-        lacking = 'the recording has no ' + ('yaw rate' if 'yaw_rate' not in m.s else 'steering')
+        lacking = 'the recording has no ' + (
+            'yaw rate; map it as yaw_rate'
+            if 'yaw_rate' not in m.s
+            else 'steering; map it as steering, or as road_angle, or as road_angle_left and road_angle_right'
+        )
         figures += [_figure(name, text, not_told(lacking), unit) for name, (text, unit) in names.items()]
         figures.append(_figure('yaw_rate_delay', 'delay of the yaw rate behind the steering', not_told(lacking), 's'))
     else:

@@ -62,7 +62,8 @@ def bands(m: Moments, length: float) -> tuple[list[Band], str]:
     v = m.smooth('speed')[::every]
     begins = [b for b in range(0, used.size - n + 1, max(n // 2, 1)) if used[b : b + n].all()]
     if len(begins) < LEAST:
-        return [], f'only {len(begins)} stretches of {length:g} s without a gap, standstill or low speed'
+        some = f'{len(begins)} stretch{"" if len(begins) == 1 else "es"}'
+        return [], f'only {some} of {length:g} s without a gap, standstill or low speed'
     low, high = (np.array([f(v[b : b + n]) for b in begins]) for f in (np.min, np.max))
     middle = np.sqrt(low * high)
     left = high / low <= BAND**2
