@@ -141,7 +141,7 @@ def picture(name: str, figure: Figure, caption: str) -> Block:
     with mpl.rc_context({'svg.fonttype': 'none', 'pdf.fonttype': 42, 'svg.hashsalt': name}):
         for ending, metadata in (('svg', {'Date': None}), ('pdf', {'CreationDate': None})):
             content = io.BytesIO()
-            figure.savefig(content, format=ending, metadata=metadata)
+            figure.savefig(content, format=ending, metadata=metadata, bbox_inches='tight')
             out[ending] = content.getvalue()
     pdf = base64.b64encode(out['pdf']).decode()
     return {'kind': 'picture', 'name': name, 'caption': caption, 'svg': out['svg'].decode(), 'pdf': pdf}

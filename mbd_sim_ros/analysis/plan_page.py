@@ -17,6 +17,7 @@ from mbd_sim_ros.analysis.pages import Block, Page
 from mbd_sim_ros.analysis.plots import FIRST, GREY, SECOND, STYLE
 from mbd_sim_ros.analysis.provenance import facts_of_scene
 from solver.errors import MbdError
+from solver.scene import Scene
 from solver.trade.bench import known, truth_of
 from solver.trade.errors import ORIGINS
 from solver.trade.judging import Verdict, nearest
@@ -29,8 +30,8 @@ PARTS = {'model': '#1b6ca8', 'step': '#d95f02', 'iteration': '#2a9d5c', 'referen
 CURVES = 6
 
 
-def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
-    """Write the page. Raises BagError."""
+def write_page(search: Search, data: dict[str, Any], file: Path, scene: Scene) -> None:
+    """Write the page. scene: as it was given, before a level was chosen. Raises BagError."""
     blocks: list[Block] = []
     chosen = search.result or nearest(search.tried)
     if data['errors']:
@@ -99,7 +100,7 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
         ok=data['status'] == 'ok',
         about=(*data['give'], *data['notes']),
         facts=[
-            *facts_of_scene(search.bench.scene.resolved, search.bench.scene.name),
+            *facts_of_scene(scene.resolved, scene.name),
             ('certificate', f'{data["hash"]}; {data["baseline"]} costs 1'),
             ('limits', '; '.join(f'{row[0]} {row[-1]}' for row in error_rows(data)[1:])),
         ],

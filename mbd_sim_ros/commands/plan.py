@@ -172,7 +172,7 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path, told: _Told, beg
             else:
                 (out / 'scene.yaml').unlink(missing_ok=True)  # of an earlier plan
             write_text(out / 'certificate.json', json.dumps(data, indent=1, allow_nan=False) + '\n')
-            write_page(search, data, out / 'plan.html')
+            write_page(search, data, out / 'plan.html', scene)
         except OSError as error:
             raise BagError(
                 f'{error.filename or out}: cannot be written: {error.strerror}; choose another directory with --out'

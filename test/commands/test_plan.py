@@ -161,7 +161,7 @@ def test_a_plan_that_had_no_time_leaves_a_certified_one_in_its_place(
         'took': 1.0,
     }
     monkeypatch.setattr(certificate, 'plan', lambda search: {**found, 'notes': []})
-    monkeypatch.setattr(plan_page, 'write_page', lambda search, data, file: None)
+    monkeypatch.setattr(plan_page, 'write_page', lambda search, data, file, scene: None)
     code, data = document(
         capsys, 'plan', 'pendulum', '--set', 'require={joint_states/pivot/position: {rms: 2 %}}', '--out', str(tmp_path)
     )

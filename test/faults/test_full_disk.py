@@ -133,7 +133,7 @@ def test_a_plan_on_a_full_disk(
     monkeypatch.setattr('solver.levels.auto.chosen', lambda scene, _: scene)
     monkeypatch.setattr('mbd_sim_ros.commands.plan._time', lambda *_: None)
     monkeypatch.setattr(
-        'mbd_sim_ros.analysis.plan_page.write_page', lambda _search, _data, file: file.write_text('page')
+        'mbd_sim_ros.analysis.plan_page.write_page', lambda _search, _data, file, _scene: file.write_text('page')
     )
     full(tmp_path / name)
     refused(

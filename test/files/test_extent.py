@@ -142,7 +142,7 @@ def test_a_plan_is_written_below_its_folder(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr('solver.levels.auto.keep', lambda *_: True)
     monkeypatch.setattr('mbd_sim_ros.commands.plan._time', lambda *_: None)
     monkeypatch.setattr('mbd_sim_ros.commands.plan.describe', str)
-    monkeypatch.setattr('mbd_sim_ros.analysis.plan_page.write_page', lambda _search, _data, file: file.touch())
+    monkeypatch.setattr('mbd_sim_ros.analysis.plan_page.write_page', lambda _search, _data, file, _scene: file.touch())
     monkeypatch.chdir(tmp_path)
     asked = ['--set', 'name="../../../outside"', '--set', 'require={yaw_rate: {rms: 2 %}}']
     assert main(['plan', 'light_car_straight', *asked, '--json']) == 0
