@@ -6,6 +6,7 @@ import argparse
 import os
 import signal
 import sys
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -248,4 +249,5 @@ def announce(server: Server, *, browser: bool) -> None:
     if browser and shown:
         import webbrowser
 
-        webbrowser.open(server.address)
+        # some browsers run in the terminal, and open() waits for their end
+        threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()

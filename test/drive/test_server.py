@@ -374,9 +374,8 @@ def test_a_port_that_is_taken_is_one_sentence(server: Server, desk: Stub) -> Non
         'one that is free',
         str(refused.value),
     )
-    for host in ('no.such.host.invalid', '203.0.113.7'):
-        with pytest.raises(MbdError, match=f'cannot serve on {host}, port 0: .*'):
-            Server(host=host)
+    with pytest.raises(MbdError, match=r'cannot serve on 203\.0\.113\.7, port 0: .*'):  # nobody's [RFC 5737]
+        Server(host='203.0.113.7')
 
 
 def test_what_is_open_to_others_says_so_and_still_wants_the_token(desk: Stub) -> None:
