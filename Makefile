@@ -5,7 +5,7 @@
 # make docs    makes those figures anew
 # make oldest  the oldest Python, numba, numpy, ... that setup.py takes: the same bits as with those that are installed; make newest
 # make site    the documents and the reference of the public interface as a static site, in site/
-# make wheel   the wheel, in dist/, checked for what is in it and what is not
+# make wheel   the wheel, in dist/, with compiled kernels, checked for what is in it and what is not
 # make bench   what a step costs (docs/performance.md); make demo: the car over ROS topics
 # VENV=... and PYTHON=... may be given, and WORKERS=... (processes of tests at a time).
 SHELL := /bin/bash
@@ -105,7 +105,7 @@ $(VENV)/.site: setup.py | $(INSTALLED)
 	@touch $@
 
 wheel: tools
-	.ci/wheel $(BIN)/python
+	.ci/wheel $(BIN)/python dist kernels
 
 bench: python $(INSTALLED)
 	$(BIN)/mbd bench

@@ -74,7 +74,7 @@ setup(
     packages=find_packages(include=['solver', 'solver.*', NAME, f'{NAME}.*'], exclude=[f'{NAME}.lab.mechanisms']),
     cmdclass={'build_py': Installed},
     package_data={
-        'solver': ['py.typed'],
+        'solver': ['py.typed', 'shipped/*'],
         NAME: ['py.typed'],
         f'{NAME}.native': ['*.c', '*.h', '*.inc'],
         f'{NAME}.messages': ['schemas/*/*.msg'],

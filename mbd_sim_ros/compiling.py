@@ -4,6 +4,7 @@ rests."""
 from __future__ import annotations
 
 import sys
+from importlib.util import find_spec
 from typing import Any
 
 from numba.core import event
@@ -73,3 +74,20 @@ def tell(shown: bool, model: ModelSpec) -> None:
         _bar = Bar(shown=True)
         event.register('numba:compile', _bar)
     _bar.total = _bar.count + (OF_CAR if model.tires else OF_MECHANISM)
+
+
+def without_blas() -> None:
+    """Have numba begin without a look for BLAS, which no kernel calls: the import of scipy.linalg takes 0.17 s of CPU
+    time. Whoever compiles a product of matrices later finds it."""
+    if 'scipy.linalg' in sys.modules or 'numba.np.arraymath' in sys.modules:
+        return
+    modules: dict[str, Any] = sys.modules
+    modules['scipy.linalg'] = None
+    try:
+        from numba.np import arraymath
+    finally:
+        del modules['scipy.linalg']
+    arraymath._HAVE_BLAS = find_spec('scipy') is not None
+
+
+without_blas()  # commands import this module before they load or compile a kernel

@@ -15,10 +15,11 @@ from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 import numba
-from numba.core.compiler_lock import global_compiler_lock
 
 from solver import disk
 from solver.compiled.contents import contents
+from solver.compiled.kernel import optimised
+from solver.compiled.target import V3
 from solver.elements.registry import CONSTRAINTS, FORCES
 from solver.linear.elimination import factorize, solve
 from solver.step.augmented_lagrangian import advance, perform
@@ -26,11 +27,6 @@ from solver.step.constraint_coefficients import weigh
 from solver.step.extrapolation import extrapolate
 from solver.step.interval import advance_adapting
 
-# Processors with AVX2 and FMA: the level v3 of the x86-64 ABI, in the words of LLVM.
-V3 = (
-    '+64bit,+avx,+avx2,+bmi,+bmi2,+cmov,+cx16,+cx8,+f16c,+fma,+fxsr,+lzcnt,+mmx,+movbe,+popcnt,+sahf,+sse,+sse2,+sse3,'
-    '+sse4.1,+sse4.2,+ssse3,+x87,+xsave'
-)
 PYTHON_ENTRY = re.compile(r'^define [^\n]*@_ZN7cpython.*?^}\n', re.MULTILINE | re.DOTALL)
 
 
@@ -53,7 +49,7 @@ class Kernel(NamedTuple):
 def target(name: str) -> Target:
     """The target `v3` (every x86-64 processor with AVX2 and FMA) or `host` (this processor)."""
     if name == 'v3':
-        return Target('v3', 'x86-64-v3', V3)
+        return Target('v3', *V3)
     return Target('host', llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
 
 
@@ -99,14 +95,12 @@ def object_code(kernel: Kernel, wanted: Target, store: disk.Store) -> bytes:
 
 
 def _emitted(kernel: Kernel, wanted: Target) -> bytes:
-    with global_compiler_lock:
-        optimised = kernel.result.library._get_module_for_linking()
-        module = llvm.parse_assembly(PYTHON_ENTRY.sub('', str(optimised)))
-        module.get_function(kernel.symbol).linkage = 'external'
-        machine = llvm.Target.from_triple(module.triple).create_target_machine(
-            cpu=wanted.processor, features=wanted.features, opt=3, reloc='pic', codemodel='default'
-        )
-        return machine.emit_object(module)
+    module = llvm.parse_assembly(PYTHON_ENTRY.sub('', optimised(kernel.result)))
+    module.get_function(kernel.symbol).linkage = 'external'
+    machine = llvm.Target.from_triple(module.triple).create_target_machine(
+        cpu=wanted.processor, features=wanted.features, opt=3, reloc='pic', codemodel='default'
+    )
+    return machine.emit_object(module)
 
 
 def addresses(kernels: Mapping[int, Kernel]) -> tuple[dict[int, int], list[str]]:

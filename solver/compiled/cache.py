@@ -5,6 +5,9 @@ one may write its code under the other's signature. This one takes its place
 (docs/decisions/0021-kernels-by-content.md). A file is named after a digest of what the code is made of
 (solver.compiled.contents) and of what the code of every kernel depends on: the syntax of the files in this folder,
 which extend the compiler, versions, settings of numba and the processor.
+
+A wheel brings kernels for every processor with AVX2 and FMA (.ci/wheel): what is not kept for this one is taken from
+there where it fits, and nothing is compiled then.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ from numba.core.serialize import dumps
 from solver import disk
 from solver.compiled import interruption
 from solver.compiled.contents import Unknown, contents, foreign
+from solver.compiled.target import V3, runs_v3
 
 # of numba
 SETTINGS = (
@@ -71,35 +75,44 @@ def _surroundings() -> tuple:
     versions = (
         numba.__version__,
         llvmlite.__version__,
-        np.__version__,
+        np.__version__.split('.')[:2],
         platform.python_implementation(),
-        sys.version_info[:3],
+        sys.version_info[:2],  # bytecode is part of what a kernel is made of
     )
     return (*versions, sys.flags.optimize, *((name, getattr(numba.config, name, None)) for name in SETTINGS))
 
 
 class Kernels:
-    """The kernels that are kept: what their files hold, and whether they can be written. unkept: why not."""
+    """The kernels that are kept: what their files hold, and whether they can be written.
 
-    def __init__(self, folder: Path, base: Path) -> None:
+    unkept: why not. shipped: directory of kernels that came with the program. used: files that were read or written.
+    """
+
+    def __init__(self, folder: Path, base: Path, shipped: Path = Path('/nowhere')) -> None:
         self.compiler = Compiler(folder, base)
         self.store = disk.Store(base / 'kernels', bounded=True)
+        self.shipped = disk.Store(shipped) if shipped.is_dir() and runs_v3() else None
+        self.used: set[str] = set()
         self.unkept = ''
         self._fresh: bool | None = None
         self._told = False
 
-    def read(self, name: str, identity: bytes) -> Any:
-        """The content of a file, or None where there is none that fits."""
+    def read(self, name: str, identity: bytes, *, shipped: bool = False) -> Any:
+        """The content of a file, or None where there is none that fits. shipped: of one that came with the program."""
+        store = self.shipped if shipped else self.store
         if self._fresh is None:
             self._fresh = self.compiler.unchanged()
-        if not self._fresh:  # edited since the process began: which edit it imported nobody knows
+        if not self._fresh or store is None:  # edited since the process began: which edit it imported nobody knows
             return None
-        content = self.store.read(name, identity)
+        content = store.read(name, identity)
         try:
-            return None if content is None else pickle.loads(content)
+            found = None if content is None else pickle.loads(content)
         except Exception:  # whole, and yet nothing that can be unpickled
-            self.store.damaged.add(name)
+            store.damaged.add(name)
             return None
+        if found is not None:
+            self.used.add(name)
+        return found
 
     def write(self, name: str, identity: bytes, value: Any) -> None:
         """Keep a value under this name, or say once why it cannot be kept."""
@@ -107,6 +120,7 @@ class Kernels:
             return
         try:
             self.store.write(name, dumps(value), identity)
+            self.used.add(name)
         except OSError as error:
             self.unkept = (
                 f'compiled kernels cannot be kept in {self.store.directory} ({error.strerror or error}): every start '
@@ -136,11 +150,15 @@ class KernelCache(_Cache):
         """The compiled kernel for this signature, or None."""
         interruption.check()
         target_context.refresh()
-        identity, _ = self._made_of(sig, target_context.codegen())
+        codegen, kernels = target_context.codegen(), self._kernels
+        identity, _ = self._made_of(sig, codegen)
         if identity is None:
             return None
         self._asked[sig] = identity
-        found = self._kernels.read(self._file(identity), identity)
+        found = kernels.read(self._file(identity), identity)
+        if found is None and kernels.shipped is not None:
+            anywhere, _ = self._made_of(sig, codegen, V3)
+            found = None if anywhere is None else kernels.read(self._file(anywhere), anywhere, shipped=True)
         if found is None:
             return None
         try:
@@ -165,15 +183,18 @@ class KernelCache(_Cache):
 
     disable = flush = enable
 
-    def _made_of(self, sig, codegen) -> tuple[bytes | None, set[Any]]:
-        """(identity of the compiled kernel, kernels in it); None of one that is not kept."""
+    def _made_of(self, sig, codegen, processor: tuple[str, str] | None = None) -> tuple[bytes | None, set[Any]]:
+        """(identity of the compiled kernel, kernels in it); None of one that is not kept. processor: another one, name
+        and features as LLVM says them."""
         if self._dispatcher.__module__ == '__main__':  # of which every program has another one
             return None, set()
         try:
             made_of, kernels = contents(self._dispatcher, sigutils.normalize_signature(sig)[0])
         except Unknown:
             return None, set()
-        return disk.digest(self._kernels.compiler.key, made_of, repr(codegen.magic_tuple())), kernels
+        triple, *here = codegen.magic_tuple()
+        machine = (triple, *(processor or here))
+        return disk.digest(self._kernels.compiler.key, made_of, repr(machine)), kernels
 
     def _file(self, identity: bytes) -> str:
         return f'{self._prefix}-{identity.hex()}'

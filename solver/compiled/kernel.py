@@ -18,7 +18,7 @@ from solver.compiled.cache import KernelCache, Kernels
 from solver.disk import location
 
 PATIENCE = 100_000  # objects made before garbage is looked for, while compiling
-KERNELS = Kernels(Path(__file__).parent, location())
+KERNELS = Kernels(Path(__file__).parent, location(), Path(__file__).parents[1] / 'shipped')
 
 # Truth values for calls of one kernel by another: numba compiles the callee once more for each literal among its
 # arguments.
@@ -186,3 +186,10 @@ def address_of(function, *arguments) -> int:
         function.compile(signature)
         result = function.overloads[signature]
         return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+
+
+def optimised(compiled) -> str:
+    """The code of a compiled kernel (numba's record of it) behind the optimiser, as LLVM writes it, all that it calls
+    included."""
+    with global_compiler_lock:
+        return str(compiled.library._get_module_for_linking())

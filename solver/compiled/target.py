@@ -10,6 +10,26 @@ import struct
 from importlib.metadata import PackageNotFoundError, version
 
 POINTS = 2000
+# Every x86-64 processor with AVX2 and FMA, as LLVM says it: the level v3 of the ABI.
+V3 = (
+    'x86-64-v3',
+    '+64bit,+avx,+avx2,+bmi,+bmi2,+cmov,+cx16,+cx8,+f16c,+fma,+fxsr,+lzcnt,+mmx,+movbe,+popcnt,+sahf,+sse,+sse2,+sse3,'
+    '+sse4.1,+sse4.2,+ssse3,+x87,+xsave',
+)
+
+
+def runs_v3() -> bool:
+    """True where this processor runs code for V3, and nobody has asked for another one (NUMBA_CPU_NAME)."""
+    from llvmlite.binding import get_host_cpu_features
+    from numba import config
+
+    if platform.machine() != 'x86_64' or config.CPU_NAME not in (None, V3[0]):
+        return False
+    try:
+        there = get_host_cpu_features()
+    except RuntimeError:  # LLVM does not know this machine
+        return False
+    return all(there.get(feature, feature == 'x87') for feature in V3[1].replace('+', '').split(','))
 
 
 def target() -> dict[str, str]:

@@ -96,3 +96,26 @@ def test_about_so_many_kernels_are_compiled(scene: str, about: int, tmp_path: Pa
         [sys.executable, '-c', COUNT, scene], env=environment, capture_output=True, text=True, timeout=900, check=True
     )
     assert int(done.stdout) == pytest.approx(about, rel=0.25)
+
+
+WITHOUT_BLAS = """
+import sys
+import numba, numpy as np
+from mbd_sim_ros import compiling
+compiling.without_blas()
+numba.njit(lambda x: x + x)(1.0)
+print('scipy.linalg' in sys.modules)
+a = np.arange(6.0).reshape(2, 3)
+print(numba.njit(lambda a, b: np.dot(a, b))(a, np.ascontiguousarray(a.T)).tolist())
+import scipy.linalg
+print(scipy.linalg.det(np.eye(2)))
+"""
+
+
+@pytest.mark.slow
+def test_numba_begins_without_blas_and_finds_it_when_it_is_asked_for() -> None:
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, '-c', WITHOUT_BLAS], env=environment, capture_output=True, text=True, timeout=120, check=True
+    )
+    assert done.stdout.splitlines() == ['False', '[[5.0, 14.0], [14.0, 50.0]]', '1.0']

@@ -74,7 +74,7 @@ def package(root: Path) -> Path:
         (root / 'solver' / folder / '__init__.py').touch()
     (root / 'solver' / '__init__.py').touch()
     shutil.copyfile(SOLVER / 'disk.py', root / 'solver' / 'disk.py')
-    for name in ('kernel', 'cache', 'contents', 'by_reference', 'interruption'):
+    for name in ('kernel', 'cache', 'contents', 'by_reference', 'interruption', 'target'):
         shutil.copyfile(SOLVER / 'compiled' / f'{name}.py', root / 'solver' / 'compiled' / f'{name}.py')
     (root / 'solver' / 'elements' / 'toy.py').write_text(TOY, encoding='utf-8')
     return root
