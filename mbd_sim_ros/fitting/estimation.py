@@ -98,6 +98,8 @@ def _fit(problem: Problem, out: str | Path | None, say: Say) -> Fitted:
     which, kept_out = problem.of('fit'), problem.of('held_out')
     problem.linearize(problem.start)
     say('looking at the recordings beside the vehicle')
+    problem.leave_out_undriven()
+    problem.require_enough()
     screen(problem)
     alone = np.array([u.of != 'vehicle' for u in problem.unknowns])
     say('steering and sensors alone')

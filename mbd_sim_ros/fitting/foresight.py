@@ -91,9 +91,11 @@ def preflight(
     x: where, the start where none. advise: seek maneuvers for what they do not tell. J: the derivatives, where they are
     there already. Raises MbdError."""
     x = problem.start if x is None else x
-    which = problem.of('fit')
     if J is None:
         problem.linearize(x)
+        problem.leave_out_undriven()
+    which = problem.of('fit')
+    if J is None:
         J = problem.jacobian(x, which, problem.motions(x, which))
     rows = told_by(problem.white(J, which), problem.prior, problem.unknowns)
     if advise:

@@ -131,6 +131,7 @@ class Problem:
         self.reset_noise()
         self._pool: ProcessPoolExecutor | None = None
         self._workers = workers
+        self.undriven: set[int] = set()  # windows that are left out because the vehicle cannot drive them
         self.runs = 0  # simulations of all windows so far
         self.memory: Memory | None = None
 
@@ -155,7 +156,7 @@ class Problem:
                 'the fit does not see'
             )
         for use in ('fit', 'held_out'):
-            seconds = sum(w.last - w.first for w in self.windows if w.use == use)
+            seconds = sum(self.windows[k].last - self.windows[k].first for k in self.of(use))
             least = LEAST_SECONDS * self.car.size.time * (1.0 if use == 'fit' else 0.25)
             if seconds < least:
                 what = 'to fit' if use == 'fit' else 'held out'
@@ -403,7 +404,27 @@ class Problem:
 
     def of(self, use: str) -> list[int]:
         """Windows of a use."""
-        return [k for k, w in enumerate(self.windows) if w.use == use]
+        return [k for k, w in enumerate(self.windows) if w.use == use and k not in self.undriven]
+
+    def leave_out_undriven(self) -> None:
+        """Leave out, and name, the windows that the vehicle as it is given cannot drive: it spins there, or a wheel
+        does."""
+        every = [*self.of('fit'), *self.of('held_out')]
+        if not every or not isinstance(self.many([self.start], every)[0], MbdError):
+            return
+        for k in every:
+            error = self.many([self.start], [k])[0]
+            if isinstance(error, MbdError):
+                window = self.windows[k]
+                self.undriven.add(k)
+                why = str(error).partition(';')[0]
+                self.told.append(
+                    f'{window.recording}: {window.first:.2f} to {window.last:.2f} s are left out: the vehicle as it is '
+                    f'given cannot drive them ({why})'
+                )
+        if len(self.undriven) == len(every):
+            raise BagError(f'recordings: the vehicle as it is given can drive none of the windows{_why(self.told)}')
+        self.pieces = [p for p in self.pieces if p.window not in self.undriven]
 
     def residuals(self, x: np.ndarray, which: Sequence[int], motions: Sequence[np.ndarray] | None = None) -> np.ndarray:
         """Measured less predicted, of all pieces of windows one behind the other. Raises MbdError."""

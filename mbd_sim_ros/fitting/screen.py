@@ -19,6 +19,7 @@ LOOK = 0.6  # s to either side in which a delay is sought, of a passenger car
 LATE = 6.0  # sd of a delay from which it is a fault
 ALIKE = 0.8  # correlation from which a delay is believed
 DRIFT = 0.08  # s by which delays of one recording may differ, of a passenger car
+CHANGES = 0.2  # part of its RMS by which a signal must change to be looked at; ten times as much looks at none
 OFF = 1.6  # factor of a scale that no car of the class explains
 QUICK = ('yaw_rate', 'lateral_acceleration', 'roll_rate', 'sideslip', 'lateral_velocity', 'roll')
 
@@ -71,7 +72,7 @@ def _correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 def screen(problem: Problem) -> None:
     """Refuse recordings with a fault. Raises BagError, one sentence."""
-    which = list(range(len(problem.windows)))
+    which = [*problem.of('fit'), *problem.of('held_out')]
     x = problem.start
     signals = problem.signals(x, problem.motions(x, which), which)
     time = problem.car.size.time
@@ -80,7 +81,9 @@ def screen(problem: Problem) -> None:
         if problem.kinds[piece.channel] not in QUICK:
             continue
         one = seen(problem, piece.t, piece.y, s, piece.window)
-        if one.weight > 0.0 and np.std(s) > 0.0:
+        # in a steady circle there is nothing to correlate but noise
+        moves = np.std(s) > max(CHANGES * float(np.sqrt(np.mean(s * s))), 3.0 * problem.noise[piece.channel].noise)
+        if one.weight > 0.0 and moves:
             recording = problem.windows[piece.window].recording
             found.setdefault((recording, piece.channel), []).append(one)
     for recording in problem.data:

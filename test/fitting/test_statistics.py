@@ -32,6 +32,7 @@ class Linear(Problem):
         L = Noise(0.3, discrepancy, 0.8).factor(self.t)
         values = [B @ self.truth + L @ random.standard_normal(80) for B in self.basis]
         self.pieces = [Piece(k, 'signal', self.t, y, np.zeros(80)) for k, y in enumerate(values)]
+        self.undriven = set()
         self.noise, self._factors, self.runs = {'signal': Noise(0.3, 0.1, 0.4)}, {}, 0
         self.file = type('File', (), {'channels': {'signal': None}, 'seed': 1, 'level': 'made'})()
 
