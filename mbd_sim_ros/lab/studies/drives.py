@@ -140,12 +140,13 @@ def _delivered(out: Path, *, quick: bool, progress: Progress, seed: int) -> list
         for name in ('understeer_gradient', 'roll_gradient'):
             between = [values[name] for values in truth['figures'] if values.get(name) is not None]
             found = [d['figures'][name] for d in judged if d['figures'].get(name) is not None]
+            low, high = (1.0 - APART) * min(between), (1.0 + APART) * max(between)
             rows.append({
                 'car': car, 'figure': name, 'maneuvers': ' to '.join(f'{PER_G * x:.3g}' for x in sorted(between)),
                 'drives': len(found), 'mean': PER_G * float(np.mean([f[0] for f in found])),
                 'claimed': PER_G * float(np.mean([0.5 * (f[2] - f[1]) for f in found])),
                 'scatter': PER_G * 1.96 * float(np.std([f[0] for f in found])),
-                'meet': sum(f[1] <= (1.0 + APART) * max(between) and f[2] >= (1.0 - APART) * min(between) for f in found),
+                'meet': sum(f[1] <= high and f[2] >= low for f in found),
             })  # fmt: skip
     return rows
 
