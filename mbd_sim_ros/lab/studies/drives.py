@@ -140,6 +140,12 @@ def _delivered(out: Path, *, quick: bool, progress: Progress, seed: int) -> list
         for name in ('understeer_gradient', 'roll_gradient'):
             between = [values[name] for values in truth['figures'] if values.get(name) is not None]
             found = [d['figures'][name] for d in judged if d['figures'].get(name) is not None]
+            if not between or not found:
+                nothing = dict.fromkeys(('mean', 'claimed', 'scatter'), math.nan)
+                rows.append(
+                    {'car': car, 'figure': name, 'maneuvers': 'none', 'drives': len(found), **nothing, 'meet': 0}
+                )
+                continue
             low, high = (1.0 - APART) * min(between), (1.0 + APART) * max(between)
             rows.append({
                 'car': car, 'figure': name, 'maneuvers': ' to '.join(f'{PER_G * x:.3g}' for x in sorted(between)),
