@@ -103,8 +103,14 @@ def _fit(problem: Problem, out: str | Path | None, say: Say) -> Fitted:
     screen(problem)
     alone = np.array([u.of != 'vehicle' for u in problem.unknowns])
     say('steering and sensors alone')
-    first = descend(problem, problem.start, which, alone, say, 0.1)
-    before_held = problem.residuals(first.x, kept_out)
+    try:
+        first = descend(problem, problem.start, which, alone, say, 0.1)
+        before_held = problem.residuals(first.x, kept_out)
+    except StepError as error:
+        raise StepError(
+            f'the vehicle as it is given cannot follow the recordings ({str(error).partition(";")[0]}): begin with '
+            'numbers nearer to the car, e.g. a larger friction as value under parameters'
+        ) from None
     everything = np.ones(len(problem.unknowns), bool)
     say('derivatives by all unknowns')
     J = problem.jacobian(first.x, which, first.motions, central=False)
