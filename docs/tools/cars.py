@@ -12,6 +12,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+import contents
+
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.lab.studies.kandc import CARS
 from solver.analysis.figures import figures, standing
@@ -83,4 +85,4 @@ def picture(name: str, file: Path) -> None:
 
 
 if __name__ == '__main__':
-    (DOCS / 'cars.md').write_text(page(Path(sys.argv[1])), encoding='utf-8')
+    (DOCS / 'cars.md').write_text(contents.render(page(Path(sys.argv[1]))), encoding='utf-8')
