@@ -8,7 +8,7 @@ from pathlib import Path
 DOCS = Path(__file__).parents[1]
 LONG = 150  # lines; a page of ten times as many cannot be read without
 FEWEST = 4  # headings
-PART = re.compile(r'<!-- begin contents -->\n.*?<!-- end -->\n\n?', re.DOTALL)
+PART = re.compile(r'<!-- contents -->\n.*?<!-- end -->\n\n?', re.DOTALL)
 FENCE = re.compile(r'^```.*?^```', re.DOTALL | re.MULTILINE)
 
 
@@ -20,7 +20,7 @@ def render(text: str) -> str:
         return text
     title, rest = text.split('\n\n', 1)
     links = ' · '.join(f'[{heading.replace("`", "")}](#{anchor(heading)})' for heading in headings)
-    return f'{title}\n\n<!-- begin contents -->\n{links}\n<!-- end -->\n\n{rest}'
+    return f'{title}\n\n<!-- contents -->\n{links}\n<!-- end -->\n\n{rest}'
 
 
 def anchor(heading: str) -> str:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 SCENE = 'handling_course'
 LOOK = 0.1  # s between looks for signals and the end
 SWITCH = 2e-5  # s after which a thread gives up the interpreter, as in mbd_sim_ros.node.main
-EXAMPLE = """mbd drive
+EXAMPLE = """mbd drive handling_course             # the scene where none is given
   mbd drive car_lane_change --vehicle pickup_awd --ghost bags/first
   mbd drive --node simulator            # a running node: to look; the page takes the wheel"""
 

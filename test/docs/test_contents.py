@@ -29,6 +29,6 @@ def test_what_has_contents() -> None:
     """Headings of a long page, none in code; a short page loses what it has; a second time nothing changes."""
     body = ''.join(f'## Part `{k}`\n\ntext\n\n' for k in range(5)) + '```\n## none\n```\n' + 'line\n' * 160
     page = tool().render(f'# Title\n\nIntro.\n\n{body}')
-    assert page.startswith('# Title\n\n<!-- begin contents -->\n[Part 0](#part-0) · ') and 'none](' not in page
+    assert page.startswith('# Title\n\n<!-- contents -->\n[Part 0](#part-0) · ') and 'none](' not in page
     assert tool().render(page) == page and page.endswith(body)
     assert tool().render(page.replace('line\n' * 160, '')).startswith('# Title\n\nIntro.')
