@@ -69,7 +69,8 @@ def test_the_examples_of_the_help_are_commands_of_a_shell(name: str, capsys: pyt
     """Remarks in parentheses ended in a syntax error."""
     with pytest.raises(SystemExit):
         main([name, '--help'])
-    examples = [line.strip() for line in capsys.readouterr().out.splitlines() if line.startswith(f'  mbd {name} ')]
+    lines = capsys.readouterr().out.replace('\\\n', ' ').splitlines()
+    examples = [line.strip() for line in lines if line.startswith(f'  mbd {name} ')]
     assert examples
     for line in examples:
         assert subprocess.run(['bash', '-n', '-c', line], capture_output=True, text=True, check=False).stderr == ''

@@ -64,8 +64,9 @@ def test_an_element_is_in_the_code_of_no_other_one_nor_of_the_step() -> None:
 def named_in(function: FunctionType) -> list[Dispatcher]:
     """All kernels that the source of a function names in its module, also behind dots."""
     found = []
+    own = function.__code__.co_varnames  # an argument may have the name of a kernel
     for node in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function)))):
-        if isinstance(node, ast.Name | ast.Attribute):
+        if isinstance(node, ast.Name | ast.Attribute) and ast.unparse(node).split('.')[0] not in own:
             value: Any = function.__globals__
             for name in ast.unparse(node).split('.'):
                 value = value.get(name) if isinstance(value, dict) else getattr(value, name, None)

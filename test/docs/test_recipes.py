@@ -93,7 +93,7 @@ def test_a_command_is_one_file_and_its_name(program):
     assert 'weigh' not in mbd(program, '--help').stdout
     main = program / 'mbd_sim_ros' / 'commands' / 'main.py'
     changed(main, '    view,\n)', '    view,\n    weigh,\n)')
-    changed(main, '    compile,\n)\nUSAGE', '    compile,\n    weigh,\n)\nUSAGE')
+    changed(main, '    fmu,\n)\nUSAGE', '    fmu,\n    weigh,\n)\nUSAGE')
     assert re.search(r'^ +weigh +add up the masses of a scene$', mbd(program, '--help').stdout, re.MULTILINE)
     assert 'mbd weigh car_step_steer' in mbd(program, 'weigh', '--help').stdout
     done = mbd(program, 'weigh', 'pendulum', '--set', 'mechanism.bodies.bob.mass=2.5', '--json')

@@ -68,6 +68,7 @@ WITHOUT = {
         'values',
         'extra',
         'evaluate_with',
+        'Controller.parameters',
     ),
     *(
         'Table.points',

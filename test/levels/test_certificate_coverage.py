@@ -144,7 +144,7 @@ def test_what_is_broken_is_never_covered_and_forbids_a_setting(quantity: str) ->
 
 def test_what_is_covered_is_told_with_its_numbers_and_without_a_remedy() -> None:
     one = finding(value=1.3)
-    told = {'findings': [], 'explaining': [], 'error_text': ''}
+    told = {'findings': [], 'explaining': [], 'error_text': '', 'reactions_text': ''}
     data = {
         'status': 'ok',
         'rejected': 0,

@@ -119,7 +119,8 @@ def test_two_models_in_two_threads_know_nothing_of_each_other(built):
 
 @pytest.mark.slow
 def test_models_that_are_made_and_freed_leave_nothing(built):
-    assert int(driver(built, 'cycle', 'slider_crank', 300)[0].split()[1]) < 16
+    # kB; an allocator keeps some pages for itself, and 300 models are 20 MB at least
+    assert int(driver(built, 'cycle', 'slider_crank', 300)[0].split()[1]) < 200
 
 
 @pytest.mark.slow
