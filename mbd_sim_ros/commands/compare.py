@@ -469,11 +469,11 @@ def _at(found: Comparison, missing: Sequence[str]) -> str:
 
 def _apart(found: Comparison, missing: Sequence[str]) -> list[str]:
     """The lines of a comparison whose tolerances nobody gave: how far apart, and a verdict."""
-    from mbd_sim_ros.analysis.apart import most, rows
-
     if all(d.ok for d in found.differences):
         agreed = f'{len(found.differences)} channels agree, to {EQUAL} of their peaks{_at(found, missing)}'
         return [f'{agreed}; problems: {len(found.problems)}, see above' if found.problems else agreed]
+    from mbd_sim_ros.analysis.apart import most, rows  # with quantities come the elements, and numba
+
     verdict = f'the recordings differ: {most(found.differences)}'
     more = (
         'all channels: --html FILE, or --json; what is allowed: --rtol 0.05 (5 % of the peak), --tolerances FILE; '

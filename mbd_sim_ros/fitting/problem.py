@@ -423,7 +423,10 @@ class Problem:
                     f'given cannot drive them ({why})'
                 )
         if len(self.undriven) == len(every):
-            raise BagError(f'recordings: the vehicle as it is given can drive none of the windows{_why(self.told)}')
+            raise BagError(
+                'recordings: the vehicle as it is given can drive none of the windows; check what drives it, and the '
+                f'units of its channels{_why(self.told)}'
+            )
         self.pieces = [p for p in self.pieces if p.window not in self.undriven]
 
     def residuals(self, x: np.ndarray, which: Sequence[int], motions: Sequence[np.ndarray] | None = None) -> np.ndarray:

@@ -119,7 +119,7 @@ def test_a_page_is_drawn_at_both_sizes(
     capsys.readouterr()
     assert file.stat().st_size < MOST
     for size in SIZES:
-        found = opened(file, size, PROBE)
+        found = opened(file, size, PROBE, ready='page.charts.some(c => c.u)' if count else 'true')
         assert found['charts'] >= count and (found['drawn'] > 0) == (count > 0)
         assert found['canvases'] >= min(found['drawn'], 1)
         assert found['wide'] <= 0, f'{found["wide"]} pixels beyond the screen'

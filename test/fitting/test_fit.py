@@ -58,7 +58,7 @@ def file(tables: Path, tmp_path: Path) -> Path:
     return tmp_path / 'fit.yaml'
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_known_truth_from_python_the_same_bits_twice(file: Path, tmp_path: Path) -> None:
     """Every number within its interval, the delay of the sensor too, and an interval of a few percent; a fit that
     begins again with the runs of the first one needs no other ones and has the same bits."""
@@ -149,7 +149,7 @@ def test_derivatives_do_not_depend_on_their_step(file: Path) -> None:
         (('cornering_stiffness_rear: {}', 'cornering_stiffness: {}'), 'keep one of them'),
         (('cornering_stiffness_rear: {}', 'cornering_stifness_rear: {}'), 'did you mean'),
         (('yaw_rate:', 'yaw_speed:'), 'no quantity'),
-        (('wheel,', 'wheel, scale: 60,'), 'unit of the channel'),
+        (('wheel,', 'wheel, scale: 60,'), 'units of its channels'),
     ],
 )  # fmt: skip
 def test_refused(file: Path, change: tuple[str, str], sentence: str) -> None:
@@ -160,7 +160,7 @@ def test_refused(file: Path, change: tuple[str, str], sentence: str) -> None:
     assert '\n' not in str(error.value)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_result_that_is_worse_is_refused(file: Path, tmp_path: Path) -> None:
     """The recording that is held out is of the car that the fit begins with: what fits the other one is worse there."""
     given = load_file(file)

@@ -186,11 +186,19 @@ def numbers(text: str) -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), '<f4')
 
 
-def opened(file: Path, size: tuple[int, int], probe: str = '{}', picture: Path | None = None) -> Any:
-    """The value of an expression of JavaScript in a page that a browser of this size has opened. picture: for a
-    screenshot, which is another visit. Fails with what the page says on the console: an error, or a request that its
-    policy forbids."""
-    late = 'setTimeout(async () => { document.body.dataset.probe = JSON.stringify(await (async () => (@))()); }, 1500);'
+def opened(
+    file: Path, size: tuple[int, int], probe: str = '{}', picture: Path | None = None, ready: str = 'true'
+) -> Any:
+    """The value of an expression of JavaScript in a page that a browser of this size has opened.
+
+    picture: for a screenshot, which is another visit. ready: what is waited for, for a chart is drawn when it comes
+    into view. Fails with what the page says on the console: an error, or a request that its policy forbids.
+    """
+    late = (
+        'setTimeout(async () => {'
+        ' for (let k = 0; k < 80 && !(READY); k++) await new Promise(go => setTimeout(go, 50));'
+        ' document.body.dataset.probe = JSON.stringify(await (async () => (@))()); }, 1500);'
+    ).replace('READY', ready)
     page = file.with_name(f'probe-{file.stem}.html')
     script = f'<script>{late.replace("@", probe)}</script></html>'
     page.write_text(file.read_text('utf-8').replace('</html>', script), 'utf-8')
