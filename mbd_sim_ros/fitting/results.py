@@ -24,6 +24,10 @@ from solver.files.yaml_tree import node_of, text_of
 SAMPLES = 64  # of the distribution, a power of two; ten times as many make a sweep of hours
 SHOWN = 4  # windows held out that the page shows, of every signal
 DRAWN = 6  # vectors by which the page draws what the parameters leave open; ten times as many take minutes
+TRUST = (
+    'The coverage of these intervals is not confirmed: in drives near the limit of the tires some were too small, that '
+    'of friction most of all (docs/fitting.md)'
+)
 RELATED = 0.8  # correlation from which the page names a pair
 
 
@@ -173,7 +177,7 @@ def page(fitted: Fitted, rated: dict[str, dict[str, float | None]]) -> pages.Pag
             pages.text(
                 'An interval is that of the weights, widened where a bootstrap over windows scatters more (last '
                 'column). It contains what the constants below leave open, and not what the level itself lacks in all '
-                'drives.'
+                f'drives. {TRUST}.'
             ),
             pages.heading('Recordings held out'),
             pages.table(judged),
@@ -264,7 +268,7 @@ def text(fitted: Fitted) -> list[str]:
         f'held out: {name}: RMS {one["rms"]:.3g} {_unit(fitted, name)}, before {one["before"]:.3g}'
         for name, one in fitted.held_out.items()
     ]
-    return lines
+    return [*lines, TRUST]
 
 
 def told_text(told: Told) -> list[str]:
