@@ -12,12 +12,21 @@ from typing import Any, TypeVar
 Result = TypeVar('Result')
 MOST = 4  # results that each function keeps, with what they are of; ten times as many hold 50 MB of cars
 
+_all: list[deque[Any]] = []
+
+
+def forget() -> None:
+    """Forget all results: for who changes what they depend on besides their arguments."""
+    for kept in _all:
+        kept.clear()
+
 
 def of_same(function: Callable[..., Result]) -> Callable[..., Result]:
     """The function, whose last results come back for the same first argument (the object itself, which nobody changes)
     and other arguments that are equal. Refusals are not kept."""
     kept: deque[tuple[Any, tuple, dict[str, Any], Result]] = deque(maxlen=MOST)
     lock = threading.Lock()
+    _all.append(kept)
 
     @functools.wraps(function)
     def remembering(first: Any, *rest: Any, **named: Any) -> Result:

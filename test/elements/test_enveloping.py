@@ -19,6 +19,7 @@ from solver.elements.road import HeightGrid, RandomRoad, RoadSpec, compile_road,
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import SpecError
 from solver.files.scene import load_scene
+from solver.remembered import forget
 from solver.simulation import Simulation
 
 TIRE = footprint([CAR])
@@ -152,11 +153,11 @@ def test_a_large_effective_road_is_computed_in_parts_and_is_the_same(monkeypatch
 def small(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Effective roads of 100 nodes at most; what is kept of others, and for others, is forgotten."""
     monkeypatch.setattr(enveloping, 'LARGEST', 100)
-    for kept in (too_large, compile_road):
-        kept.cache_clear()
+    for clear in (too_large.cache_clear, compile_road.cache_clear, forget):
+        clear()
     yield
-    for kept in (too_large, compile_road):
-        kept.cache_clear()
+    for clear in (too_large.cache_clear, compile_road.cache_clear, forget):
+        clear()
 
 
 @pytest.mark.usefixtures('small')
