@@ -110,6 +110,7 @@ def scene(**values: object) -> SimpleNamespace:
         **{
             **defaults,
             'record': Record(poses=0.0, elements_rate=0.0),
+            'controllers': (),
             'actuation': Actuation(),
             'assistance': Assistance(),
             'sensors': Sensors(),
