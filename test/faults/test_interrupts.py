@@ -9,6 +9,7 @@ import json
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.interrupts import GRACE
 from mbd_sim_ros.lab.studies import STUDIES
+from solver import load_scene, simulation_of
+from solver.simulation import Simulation
 
 pytestmark = pytest.mark.realtime
 
@@ -229,50 +232,27 @@ def test_a_sentence_that_is_being_said_is_finished(tmp_path: Path) -> None:
     assert ended.seconds < 2.5 * GRACE + BUSY
 
 
-def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_call_of_many_long_steps_is_divided(monkeypatch: pytest.MonkeyPatch) -> None:
     """No call lasts longer than twice what is allowed, whatever record.every says, once the first steps have been
     measured."""
     from mbd_sim_ros import batch
-    from solver.analysis.certificate_coverage import Weighed
 
-    spent = []
+    spent: list[int] = []
+    warm_up, advance = batch.warm_up, Simulation.advance
 
-    monkeypatch.setattr('mbd_sim_ros.batch.weighed', lambda *_, **__: Weighed([], []))  # a stand-in keeps no account
-    monkeypatch.setattr('mbd_sim_ros.batch.require_finite', lambda *_: None)  # and shows nothing
+    def warm(simulation: Simulation) -> None:
+        warm_up(simulation)
+        spent.clear()
 
-    class Slow:
+    def slow(self: Simulation, n: int = 1, *given: Any, **named: Any) -> Any:
         """Steps of 20 ms."""
+        time.sleep(0.02 * n)
+        spent.append(n)
+        return advance(self, n, *given, **named)
 
-        class scene:
-            name = 'slow'
-            record = type('record', (), {'every': 100})
-
-        k, h_ns, branches, events, switches, channels = 0, 1_000_000, None, (), None, None
-        t_ns = property(lambda self: self.k * self.h_ns)
-
-        def advance(self, n: int, inputs: object = None) -> None:
-            time.sleep(0.02 * n)
-            self.k += n
-            spent.append(n)
-
-        def reset(self) -> None:
-            self.k = 0
-            spent.clear()
-
-        def totals(self) -> dict[str, float]:
-            names = (
-                'iterations',
-                'factorizations',
-                'evaluations',
-                'residual_max',
-                'energy_error_max',
-                'position_drift_max',
-            )
-            return dict.fromkeys(
-                (*names, 'velocity_drift_max', 'stagnated', 'substeps', 'rejected', 'events', 'smallest_step'), 0.0
-            )
-
-    batch.simulate(Slow(), 60)  # type: ignore[arg-type]
+    monkeypatch.setattr(batch, 'warm_up', warm)
+    monkeypatch.setattr(Simulation, 'advance', slow)
+    batch.simulate(simulation_of(load_scene('pendulum', ['record.every=100', 'duration=1'])), 60, error=False)
     assert sum(spent) == 60
     assert max(spent) in (4, 5)
 
