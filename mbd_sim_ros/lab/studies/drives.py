@@ -40,8 +40,11 @@ TIME, QUICK_TIME = 150.0, 60.0  # s, how long these are
 STABILITY = 1.3e-3  # s^2/m^2, about that of passenger cars, by which the drive of one chooses its steering
 BETWEEN = {'low': 0.5, 'high': 3.0}  # m/s^2, accelerations of the drives, for the maneuvers
 METHODS = ('iso4138_constant_radius', 'iso4138_constant_speed')
-# Part by which a drive and a maneuver differ by their definitions: the ratio of driving is 3 % below that of the bench,
-# which both are given, and 3 % of the geometry of a bend at 15 m/s are as much of the understeer gradient.
+# Part by which a drive and a maneuver differ by their definitions. The range of the maneuvers is widened by it to both
+# sides. Both are judged with the ratio of the bench, and the ratio of driving is 3 % below that. 3 % of the geometry of
+# a bend at 15 m/s are 0.03 * 2.6 m / (15 m/s)^2 = 3.5e-4 rad s^2/m, 9 % of an understeer gradient of 0.0037 rad s^2/m.
+# The value was set after the first drive of a delivered car had been seen, so that drive does not confirm it. Ten times
+# as much would meet every car.
 APART = 0.1
 SHOWN = ('steering', 'speed', 'yaw_rate', 'lateral_acceleration', 'roll', 'heading', 'sideslip_angle')
 HOLDS, LEAST = (0.93, 0.98), 0.88  # of all intervals, and of one figure at least
