@@ -24,9 +24,9 @@ from solver.files.json_schema import files
 from solver.files.schema import keys_of, kinds_of, plain, unit_of
 from solver.files.vehicle import TEMPLATES
 from solver.model.spec import ModelSpec
-from solver.quantities import BY_WHEEL, NAMED
 from solver.scene import Bound
 from solver.units import SUFFIXES, UNITS
+from solver.vehicle.named_quantities import BY_WHEEL, NAMED
 
 FILE = Path(__file__).parents[1] / 'scene.md'
 SCHEMAS = Path(__file__).parents[2] / 'config' / 'schema'

@@ -2,9 +2,9 @@
 
 A percentage of a peak that is next to nothing says nothing: a car that drives straight ahead has a lateral acceleration
 of 1e-12 m/s^2, and twice of it is no difference. So percentages refer to the peak, but at least to the least peak of a
-known quantity of a vehicle (solver.quantities), or of others to a thousandth of the largest peak among channels of the
-same topic and unit. Of a mechanism, velocities and places that are a millionth of what its accelerations make in the
-time of the recording are rounding, and have no percentage.
+known quantity of a vehicle (solver.vehicle.named_quantities), or of others to a thousandth of the largest peak among
+channels of the same topic and unit. Of a mechanism, velocities and places that are a millionth of what its
+accelerations make in the time of the recording are rounding, and have no percentage.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from mbd_sim_ros.analysis.difference import Difference
-from solver.quantities import BY_WHEEL, NAMED
+from solver.vehicle.named_quantities import BY_WHEEL, NAMED
 
 # channels that are shown first, in this order: their words, and the quantity of docs/scene.md; * is a wheel
 KNOWN = {

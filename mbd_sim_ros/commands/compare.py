@@ -201,6 +201,9 @@ def run(args: argparse.Namespace) -> Result:
             instead = ours.instead_of(lacking[0]) if lacking and lacking[0] not in ours.names else ''
             some = f'{", ".join(lacking[:3])} are in some of them'
             raise BagError(f'{args.mapping}: none of its channels is in all recordings ({some}){instead}')
+    judged = bool(given) or args.tolerances is not None
+    # of recordings without tolerances the text shows no rating, which is half of the time and needs the compiler
+    rated = not args.no_rating and bool(judged or args.exact or args.repeats or args.json or args.html)
     with np.errstate(over='ignore', invalid='ignore'):  # a recording may hold any numbers
         found = compare(
             ours,
@@ -212,7 +215,7 @@ def run(args: argparse.Namespace) -> Result:
             align=args.align,
             overlap=0.0 if args.allow_missing else args.overlap,
             held=held,
-            rated=not args.no_rating,
+            rated=rated,
         )
     if file is not None:
         in_run = {n for one in ours.series.values() for n in one.columns}
@@ -241,7 +244,7 @@ def run(args: argparse.Namespace) -> Result:
     }
     result = report(
         found,
-        judged=bool(given) or args.tolerances is not None,
+        judged=judged,
         allow_missing=args.allow_missing,
         names=names,
         left_out=left_out,
@@ -469,11 +472,11 @@ def _at(found: Comparison, missing: Sequence[str]) -> str:
 
 def _apart(found: Comparison, missing: Sequence[str]) -> list[str]:
     """The lines of a comparison whose tolerances nobody gave: how far apart, and a verdict."""
+    from mbd_sim_ros.analysis.apart import most, rows
+
     if all(d.ok for d in found.differences):
         agreed = f'{len(found.differences)} channels agree, to {EQUAL} of their peaks{_at(found, missing)}'
         return [f'{agreed}; problems: {len(found.problems)}, see above' if found.problems else agreed]
-    from mbd_sim_ros.analysis.apart import most, rows  # with quantities come the elements, and numba
-
     verdict = f'the recordings differ: {most(found.differences)}'
     more = (
         'all channels: --html FILE, or --json; what is allowed: --rtol 0.05 (5 % of the peak), --tolerances FILE; '

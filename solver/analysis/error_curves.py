@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.quantities import NAMED, Quantity, lengths, names, quantity
+from solver.quantities import Quantity, lengths, names, quantity
 from solver.simulation import Simulation
+from solver.vehicle.named_quantities import NAMED
 from solver.vehicle.size import size_of
 from solver.vehicle.trailer import ARTICULATION
 

@@ -11,9 +11,9 @@ from solver.checks.registry import LIMITS
 from solver.errors import SceneError, suggestion
 from solver.files.schema import Builder
 from solver.files.yaml_tree import join, refuse, where
-from solver.quantities import BY_WHEEL, NAMED
 from solver.scene import Accuracy, Bound, Require
 from solver.units import measured
+from solver.vehicle.named_quantities import BY_WHEEL, NAMED
 
 MEASURES = tuple(f.name for f in dataclasses.fields(Accuracy))
 # The keys of `require` but for quantities, as a dataclass: the loader reads numbers, units and refusals from its hints.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -159,3 +161,15 @@ def test_a_motion_that_is_rounding_beside_its_accelerations_has_no_percentage(
     x = next(line for line in lines if line.startswith('position x'))
     assert x.split()[2] == '-' and x.endswith('rounding')
     assert 'position y 2 %' in lines[-1] and 'position x' not in lines[-1]
+
+
+def test_the_table_of_a_comparison_comes_without_the_compiler(tmp_path: Path) -> None:
+    """The compiler is a third of a second of the processor, and two recordings are compared without it."""
+    runs = str(car(tmp_path / 'run', yaw=1.1)), str(car(tmp_path / 'reference'))
+    code = (
+        'import sys\nfrom mbd_sim_ros.commands.main import main\n'
+        f'code = main(["compare", *{runs!r}])\nprint(code, "numba" in sys.modules)'
+    )
+    done = subprocess.run([sys.executable, '-c', code], check=True, capture_output=True, text=True)
+    assert 'the recordings differ: yaw rate' in done.stdout
+    assert done.stdout.splitlines()[-1] == '1 False'
