@@ -5,22 +5,32 @@ from __future__ import annotations
 import re
 import tempfile
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from mbd_sim_ros.native import library
-from mbd_sim_ros.native.channels import ACCOUNT_UNITS
+from mbd_sim_ros.native.channels import ACCOUNT_UNITS, Channel
 from mbd_sim_ros.native.kernels import Target
-from mbd_sim_ros.native.model import BANDWIDTH, COUNTERS, LARGEST, RATE_LIMIT, native
+from mbd_sim_ros.native.model import BANDWIDTH, COUNTERS, LARGEST, MAGIC, RATE_LIMIT, native
 from solver.disk import atomic_write
+from solver.inputs.command_filter import COMMANDS
 from solver.inputs.maneuver import is_motion_part
 from solver.simulation import Simulation
 
 PLATFORM = {2: 'linux64', 3: 'x86_64-linux'}  # directory of binaries
 DATE = (1980, 1, 1, 0, 0, 0)  # of all files in an archive, so that the same scene gives the same archive
-STEERING = 'steering'
+# What the units of either version can do.
+ABILITY_2 = {
+    'canHandleVariableCommunicationStepSize': 'true', 'canNotUseMemoryManagementFunctions': 'true',
+    'canGetAndSetFMUstate': 'true', 'canSerializeFMUstate': 'true', 'maxOutputDerivativeOrder': '0',
+    'providesDirectionalDerivative': 'false',
+}  # fmt: skip
+ABILITY_3 = {
+    'canGetAndSetFMUState': 'true', 'canSerializeFMUState': 'true', 'canHandleVariableCommunicationStepSize': 'true',
+}  # fmt: skip
+STEERING = COMMANDS[0]
 # Exponents of kg, m, s, K, rad in units that are products of others.
 BASES = {
     '1': {}, 'kg': {'kg': 1}, 'm': {'m': 1}, 's': {'s': 1}, 'K': {'K': 1}, 'rad': {'rad': 1}, 'Hz': {'s': -1},
@@ -53,11 +63,10 @@ def write(simulation: Simulation, file: Path, wanted: Target, *, version: int = 
         binary = Path(folder) / f'{identifier}.so'
         library.build(made.kernels, wanted, binary, sources=('fmi.c',), exported=(f'fmi{version}*',))
         code = binary.read_bytes()
-    token = made.content[16:32].hex()
+    token = made.content[len(MAGIC) : len(MAGIC) + 16].hex()  # half of the digest, as fmi.c has it
     variables = list(_variables(simulation, made.channels))
-    describe = description2 if version == 2 else description3
     parts = {
-        'modelDescription.xml': describe(simulation, identifier, token, variables, program).encode(),
+        'modelDescription.xml': description(version, simulation, identifier, token, variables, program).encode(),
         f'binaries/{PLATFORM[version]}/{identifier}.so': code,
         'resources/model.mbd': made.content,
     }
@@ -70,7 +79,7 @@ def write(simulation: Simulation, file: Path, wanted: Target, *, version: int = 
     return file.stat().st_size
 
 
-def _variables(simulation: Simulation, channels: Iterable) -> Iterator[Variable]:
+def _variables(simulation: Simulation, channels: Iterable[Channel]) -> Iterator[Variable]:
     """Variables in the order of value references, as mbd.c and fmi.c number them."""
     names = simulation.channels.inputs
     k = -1
@@ -113,89 +122,69 @@ def exponents(unit: str) -> dict[str, int] | None:
 def _units(variables: Iterable[Variable]) -> Iterator[str]:
     for unit in sorted({v.unit for v in variables if v.unit}):
         bases = exponents(unit)
-        inner = '' if bases is None else f'<BaseUnit{_attributes(bases)}/>'
-        yield f'<Unit name={quoteattr(unit)}>{inner}</Unit>' if inner else f'<Unit name={quoteattr(unit)}/>'
+        inner = '/>' if bases is None else f'><BaseUnit{_attributes(bases)}/></Unit>'
+        yield f'<Unit name={quoteattr(unit)}{inner}'
 
 
-def _attributes(values: dict) -> str:
+def _attributes(values: Mapping[str, object]) -> str:
     return ''.join(f' {name}={quoteattr(str(value))}' for name, value in values.items() if value not in ('', None))
 
 
-def _head(simulation: Simulation, version: str, program: str) -> dict[str, str]:
+def description(
+    version: int, simulation: Simulation, identifier: str, token: str, variables: list[Variable], program: str = ''
+) -> str:
+    """modelDescription.xml of FMI `version` (2 or 3)."""
     scene = simulation.scene
+    head = {
+        'fmiVersion': f'{version}.0', 'modelName': scene.name, 'description': scene.title or scene.name,
+        'version': program, 'generationTool': f'mbd_sim_ros {program}'.strip(), 'variableNamingConvention': 'flat',
+    }  # fmt: skip
+    if version == 2:
+        head['guid'], ability, lines, structure = token, ABILITY_2, map(_variable2, variables), _structure2(variables)
+    else:
+        head['instantiationToken'] = token
+        ability, lines, structure = ABILITY_3, map(_variable3, variables), _structure3(variables)
+    stop = repr(scene.steps * simulation.h_ns * 1e-9)
+    parts = (
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<fmiModelDescription{_attributes(head)}>',
+        f'<CoSimulation{_attributes({"modelIdentifier": identifier} | ability)}/>',
+        '<UnitDefinitions>', *_units(variables), '</UnitDefinitions>',
+        '<LogCategories><Category name="errors"/><Category name="events"/></LogCategories>',
+        f'<DefaultExperiment startTime="0" stopTime="{stop}" stepSize="{simulation.h!r}"/>',
+        '<ModelVariables>', *lines, '</ModelVariables>',
+        f'<ModelStructure>{structure}</ModelStructure>',
+        '</fmiModelDescription>\n',
+    )  # fmt: skip
+    return '\n'.join(parts)
+
+
+def _described(v: Variable) -> dict[str, object]:
     return {
-        'fmiVersion': version, 'modelName': scene.name, 'description': scene.title or scene.name, 'version': program,
-        'generationTool': f'mbd_sim_ros {program}'.strip(), 'variableNamingConvention': 'flat',
+        'name': v.name, 'valueReference': v.reference, 'description': v.text, 'causality': v.causality,
+        'variability': v.variability,
     }  # fmt: skip
 
 
-def _experiment(simulation: Simulation) -> str:
-    stop = repr(simulation.scene.steps * simulation.h_ns * 1e-9)
-    return f'<DefaultExperiment startTime="0" stopTime="{stop}" stepSize="{simulation.h!r}"/>'
+def _number(v: Variable) -> dict[str, object]:
+    return {'unit': v.unit, 'start': None if v.start is None else repr(v.start)}
 
 
-def description2(
-    simulation: Simulation, identifier: str, token: str, variables: list[Variable], program: str = ''
-) -> str:
-    """modelDescription.xml of FMI 2.0."""
-    head = _head(simulation, '2.0', program) | {'guid': token}
-    ability = {
-        'modelIdentifier': identifier, 'canHandleVariableCommunicationStepSize': 'true',
-        'canNotUseMemoryManagementFunctions': 'true', 'canGetAndSetFMUstate': 'true', 'canSerializeFMUstate': 'true',
-        'maxOutputDerivativeOrder': '0', 'providesDirectionalDerivative': 'false',
-    }  # fmt: skip
-    lines = []
-    for v in variables:
-        of_variable = {
-            'name': v.name, 'valueReference': v.reference, 'description': v.text, 'causality': v.causality,
-            'variability': v.variability,
-        }  # fmt: skip
-        number = {'unit': v.unit, 'start': None if v.start is None else repr(v.start)}
-        lines.append(f'<ScalarVariable{_attributes(of_variable)}><Real{_attributes(number)}/></ScalarVariable>')
-    unknowns = [f'<Unknown index="{k + 1}"/>' for k, v in enumerate(variables) if v.causality == 'output']
-    structure = f'<Outputs>{"".join(unknowns)}</Outputs><InitialUnknowns>{"".join(unknowns)}</InitialUnknowns>'
-    return _document(
-        f'<fmiModelDescription{_attributes(head)}>',
-        f'<CoSimulation{_attributes(ability)}/>',
-        '<UnitDefinitions>', *_units(variables), '</UnitDefinitions>',
-        '<LogCategories><Category name="errors"/><Category name="events"/></LogCategories>',
-        _experiment(simulation),
-        '<ModelVariables>', *lines, '</ModelVariables>',
-        f'<ModelStructure>{structure if unknowns else ""}</ModelStructure>',
-        '</fmiModelDescription>',
-    )  # fmt: skip
+def _variable2(v: Variable) -> str:
+    return f'<ScalarVariable{_attributes(_described(v))}><Real{_attributes(_number(v))}/></ScalarVariable>'
 
 
-def description3(
-    simulation: Simulation, identifier: str, token: str, variables: list[Variable], program: str = ''
-) -> str:
-    """modelDescription.xml of FMI 3.0."""
-    head = _head(simulation, '3.0', program) | {'instantiationToken': token}
-    ability = {
-        'modelIdentifier': identifier, 'canGetAndSetFMUState': 'true', 'canSerializeFMUState': 'true',
-        'canHandleVariableCommunicationStepSize': 'true',
-    }  # fmt: skip
-    lines = []
-    for v in variables:
-        of_variable = {
-            'name': v.name, 'valueReference': v.reference, 'description': v.text, 'causality': v.causality,
-            'variability': v.variability, 'unit': v.unit, 'start': None if v.start is None else repr(v.start),
-        }  # fmt: skip
-        lines.append(f'<Float64{_attributes(of_variable)}/>')
-    outputs = [v for v in variables if v.causality == 'output']
-    structure = [f'<Output valueReference="{v.reference}"/>' for v in outputs]
-    structure += [f'<InitialUnknown valueReference="{v.reference}"/>' for v in outputs]
-    return _document(
-        f'<fmiModelDescription{_attributes(head)}>',
-        f'<CoSimulation{_attributes(ability)}/>',
-        '<UnitDefinitions>', *_units(variables), '</UnitDefinitions>',
-        '<LogCategories><Category name="errors"/><Category name="events"/></LogCategories>',
-        _experiment(simulation),
-        '<ModelVariables>', *lines, '</ModelVariables>',
-        f'<ModelStructure>{"".join(structure)}</ModelStructure>',
-        '</fmiModelDescription>',
-    )  # fmt: skip
+def _variable3(v: Variable) -> str:
+    return f'<Float64{_attributes(_described(v) | _number(v))}/>'
 
 
-def _document(*lines: str) -> str:
-    return '\n'.join(('<?xml version="1.0" encoding="UTF-8"?>', *lines, ''))
+def _structure2(variables: Iterable[Variable]) -> str:
+    """Outputs by their place among the variables, from 1 on."""
+    unknowns = ''.join(f'<Unknown index="{k}"/>' for k, v in enumerate(variables, 1) if v.causality == 'output')
+    return f'<Outputs>{unknowns}</Outputs><InitialUnknowns>{unknowns}</InitialUnknowns>' if unknowns else ''
+
+
+def _structure3(variables: Iterable[Variable]) -> str:
+    """Outputs by their value references."""
+    outputs = [v.reference for v in variables if v.causality == 'output']
+    return ''.join(f'<{kind} valueReference="{at}"/>' for kind in ('Output', 'InitialUnknown') for at in outputs)
