@@ -3,6 +3,7 @@ the same vehicle many times."""
 
 from __future__ import annotations
 
+import copy
 import functools
 import threading
 from collections import deque
@@ -22,8 +23,12 @@ def forget() -> None:
 
 
 def of_same(function: Callable[..., Result]) -> Callable[..., Result]:
-    """The function, whose last results come back for the same first argument (the object itself, which nobody changes)
-    and other arguments that are equal. Refusals are not kept."""
+    """The function, whose last results come back for the same first argument and other arguments that are equal.
+
+    The first argument is known by the object itself, which nobody may change; nor may anybody change a result. The
+    other arguments are copied, so a caller may change them; they compare to True or False, which arrays do not.
+    Refusals are not kept.
+    """
     kept: deque[tuple[Any, tuple, dict[str, Any], Result]] = deque(maxlen=MOST)
     lock = threading.Lock()
     _all.append(kept)
@@ -34,9 +39,10 @@ def of_same(function: Callable[..., Result]) -> Callable[..., Result]:
             for one, others, names, result in kept:
                 if one is first and others == rest and names == named:
                     return result
+        asked = copy.deepcopy((rest, named))  # as they are now
         result = function(first, *rest, **named)
         with lock:
-            kept.append((first, rest, dict(named), result))
+            kept.append((first, *asked, result))
         return result
 
     return remembering

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
 import pytest
 
-from solver import remembered
+from solver import remembered, simulation_of
+from solver.compiled.by_reference import Ref
 from solver.files.scene import load_scene
 from solver.levels import derive
+from solver.levels.switches import switched
 from solver.model.evaluate import prepare
 
 
@@ -24,6 +30,56 @@ def test_the_same_object_with_equal_arguments_is_asked_once() -> None:
     for k in range(remembered.MOST):
         measure([k])
     assert measure(one) == len(asked)
+
+
+def test_another_argument_may_be_changed_by_who_gave_it() -> None:
+    """A mapping that was given is the same object afterwards, and no longer what was asked."""
+
+    @remembered.of_same
+    def names(first: str, second: dict[str, str], *, third: list[str]) -> list[str]:
+        return [first, *second.values(), *third]
+
+    switches, more = {'drag': 'off'}, ['a']
+    assert names('car', switches, third=more) == ['car', 'off', 'a']
+    switches['drag'] = 'on'
+    assert names('car', switches, third=more) == ['car', 'on', 'a']
+    more[0] = 'b'
+    assert names('car', switches, third=more) == ['car', 'on', 'b']
+
+
+def test_a_subsystem_that_is_switched_off_later_is_off() -> None:
+    model, switches = load_scene('light_car_step_steer').model, {'drag': 'on'}
+    with_drag, _ = switched(model, switches)
+    switches['drag'] = 'off'
+    without, _ = switched(model, switches)
+    assert with_drag != without
+
+
+def arrays(value: Any) -> Iterator[np.ndarray]:
+    """All arrays in nested tuples, mappings and what is given by reference."""
+    value = value.value if isinstance(value, Ref) else value
+    if isinstance(value, np.ndarray):
+        yield value
+    for one in value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else ():
+        yield from arrays(one)
+
+
+def test_what_simulations_share_is_never_written() -> None:
+    """Two simulations of one model have the same tables: steps, saved states, twins and places change none of them."""
+    scene = load_scene('light_car_step_steer', ['duration=0.1'])
+    one, other = simulation_of(scene), simulation_of(scene)
+    assert one.model is other.model
+    shared = [*arrays((one.model.tables, one.model.elements))]
+    before = [array.tobytes() for array in shared]
+    one.advance(5)
+    saved = one.save()
+    one.place(30.0, -2.0, 0.5)
+    one.advance(5)
+    one.restore(saved)
+    one.twin(0.01, h=0.0005).advance(10)
+    one.constraint_coefficients()
+    one.reset()
+    assert len(shared) > 100 and [array.tobytes() for array in shared] == before
 
 
 def test_a_refusal_is_not_kept() -> None:
