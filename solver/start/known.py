@@ -13,6 +13,7 @@ import io
 import json
 import pickle
 import platform
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -31,6 +32,7 @@ from solver.step.work import Scheme
 MOST = 16  # starts that a process remembers; ten times as many hold 3 MB of the full car
 ADDRESSES = ('weigh', 'step')  # fields of Scheme that say where code lies in this process
 _remembered: OrderedDict[bytes, bytes] = OrderedDict()
+_lock = threading.Lock()  # of its order
 
 
 def start_of(
@@ -51,10 +53,11 @@ def start_of(
         content = json.dumps(dataclasses.asdict(changes), allow_nan=False).encode() + b'\n' + _bytes(states)
         with suppress(OSError):
             store.write(name, content, key)
-    _remembered[key] = content
-    _remembered.move_to_end(key)
-    while len(_remembered) > MOST:
-        _remembered.popitem(last=False)
+    with _lock:
+        _remembered[key] = content
+        _remembered.move_to_end(key)
+        while len(_remembered) > MOST:
+            _remembered.popitem(last=False)
     return changes
 
 
@@ -92,4 +95,5 @@ def _taken(content: bytes, states: Sequence[State]) -> Changes | None:
             arrays.append(np.frombuffer(data, array.dtype, array.size, at).reshape(array.shape))
             at += array.nbytes
         copy_state(State(*arrays), state)
-    return Changes(**json.loads(head))
+    named = json.loads(head)
+    return Changes(**named | {'wheels': tuple(named['wheels'])})  # JSON holds a list

@@ -69,6 +69,14 @@ def test_every_other_change_is_another_start(change: str, searches: list[str]) -
     assert len(searches) == 2 and before[1] != after[1]
 
 
+def test_what_is_said_of_a_known_start_is_what_was_found(searches: list[str]) -> None:
+    """Equal object by object, not only in words."""
+    found = simulation_of(scene()).start
+    known._remembered.clear()
+    from_disk, from_memory = simulation_of(scene()).start, simulation_of(scene()).start
+    assert from_disk == from_memory == found and found.wheels and len(searches) == 1
+
+
 def test_a_model_that_was_changed_in_python_is_another_one(searches: list[str]) -> None:
     """Whatever the text says that a scene was read from."""
     one = scene()
