@@ -94,6 +94,52 @@ def test_figures_lie_within_their_intervals(given: dict[str, float]) -> None:
         assert half['steering_ratio'] < 0.02 * RATIO
 
 
+@pytest.mark.parametrize('steer', ['steering', 'road_angle'])
+def test_left_is_not_right(steer: str) -> None:
+    """A car by hand: understeer of 0.005 to the left and of 0.002 rad s^2/m to the right, a steering wheel that stands
+    0.03 rad to the left straight ahead, a sideslip angle measured 1.2 m ahead of the rear axle, of which each m/s^2 to
+    the left takes 0.004 rad."""
+    t, signals = driven(3)
+    k, a = signals['yaw_rate'] / signals['speed'], signals['lateral_acceleration']
+    ratio = RATIO if steer == 'steering' else 1.0
+    del signals['steering']
+    signals[steer] = ratio * (np.arctan(L * k) + np.where(a > 0.0, 0.005, 0.002) * a) + 0.03
+    signals['sideslip_angle'] = 1.2 * k - 0.004 * a
+    signals['lateral_acceleration'] = a + np.gradient(signals['speed'] * signals['sideslip_angle'], t)
+    result = judged(Sensors().recorded(t, signals, 0), ratio=RATIO)
+    true = {
+        'understeer_gradient_left': 0.005, 'understeer_gradient_right': 0.002, 'understeer_difference': 0.003,
+        'steering_offset': 0.03, 'sideslip_place': 1.2, 'sideslip_gradient': -0.004, 'roll_gradient': ROLL,
+    }  # fmt: skip
+    # the low pass rounds the corner of the gradient at a = 0: that moves some per cent of the larger gradient, and the
+    # offset by half of the difference times 0.1 m/s^2 (one gradient for both sides moves it by more than 1 m/s^2 of it)
+    allowed = dict.fromkeys(('understeer_gradient_right', 'understeer_difference'), 0.03 * 0.005)
+    allowed['steering_offset'] = ratio * 0.0015 * 0.1
+    for name, value in true.items():
+        assert result[name] == pytest.approx(value, rel=0.03, abs=allowed.get(name, 0.0)), name
+    assert checks(result) == ['the car understeers differently to the left and to the right']
+
+
+@pytest.mark.parametrize('measured', [True, False])
+def test_the_four_sides_of_the_g_g_diagram(measured: bool) -> None:
+    """Humps A sin^2 of T seconds in every 40 s, another A to each side: for 0.4 s, 1 % of the time, each is above
+    A cos^2(pi 0.2 s/T)."""
+    t = np.arange(0.0, 200.0, 0.02)
+
+    def humps(begin: float, length: float) -> np.ndarray:
+        into = t % 40.0 - begin
+        return np.where((into >= 0.0) & (into <= length), np.sin(np.pi * into / length) ** 2, 0.0)
+
+    sides = {'left': (3.0, 8.0), 'right': (2.0, 10.0), 'drive': (1.25, 8.0), 'brake': (2.5, 4.0)}
+    begins = dict(zip(sides, (0.0, 8.0, 20.0, 32.0), strict=True))
+    of = {side: peak * humps(begins[side], length) for side, (peak, length) in sides.items()}
+    ay, speed = of['left'] - of['right'], 20.0 + np.cumsum(of['drive'] - of['brake']) * 0.02
+    signals = {'speed': speed, 'yaw_rate': ay / speed, **({'lateral_acceleration': ay} if measured else {})}
+    result = judged(Sensors().recorded(t, signals, 0))
+    for side, (peak, length) in sides.items():
+        assert result[f'used_{side}'] == pytest.approx(peak * np.cos(np.pi * 0.2 / length) ** 2, rel=0.01), side
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('given', [{}, {'ratio': RATIO}])
 def test_intervals_hold_the_truth_as_often_as_they_say(given: dict[str, float]) -> None:

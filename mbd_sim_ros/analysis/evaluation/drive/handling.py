@@ -44,6 +44,7 @@ CURVED = 0.1
 MODEL = 0.1
 NO_WHEELBASE = 'give the wheelbase: --set wheelbase=...'
 WIDE_RATIO = 0.25  # half interval of the ratio, relative to it, up to which it is told; 2.5 allows either sign
+DIFFERS = 0.2  # part of the understeer gradient by which left and right differ at least to be named; 2 hides all
 PLACE = 1.0  # m: half interval of the place of a sideslip angle that is told; ten times as much is beyond the car
 
 
@@ -59,9 +60,10 @@ class Steering(NamedTuple):
 
 class Handling(NamedTuple):
     """Figures of quasi-steady moments. used: (n,) mask of these. ratio_length: i L [m]; stability: K/L [s^2/m^2]. left,
-    right: K of either side. curved: part by which the steering angle `far` [rad] is larger than by the ratio of
-    the middle [-], where it is. a, steer: (n,) lateral acceleration [m/s^2] and steering angle less that
-    of the geometry and the offset [rad], to be drawn. seconds: how long they are [s]."""
+    right: K of either side. curved: part by which the steering angle `far` [rad] is larger than by the ratio of the
+    middle [-], where it is. a, steer: (n,) lateral acceleration [m/s^2] and steering angle less that of the geometry
+    and the offset [rad], to be drawn. seconds: how long they are [s]. unequal: True where the whole interval of the
+    difference of both sides is beyond DIFFERS of K."""
 
     used: np.ndarray
     seconds: float
@@ -77,6 +79,7 @@ class Handling(NamedTuple):
     steer: np.ndarray
     curved: Estimate = not_told('the steering is proportional')
     far: float = 0.0
+    unequal: bool = False
 
 
 def steering_of(m: Moments, corner: float) -> Steering | None:
@@ -181,18 +184,23 @@ def handling(m: Moments, high: float, ratio: float, wrong: str, late: float = 0.
     rest = target - (whole.theta[k + 1] + np.column_stack(others) @ whole.theta[k + 2 :])
     if not known:
         rest = (rest - whole.theta[0] * geometry) * L / whole.theta[0]
+    understeer, difference = gradient(whole, lambda c: c[k]), gradient(sides, lambda c: c[k] - c[k + 1])
+    unequal = difference.outside(-DIFFERS * abs(understeer.value), DIFFERS * abs(understeer.value))
+    # one gradient for both sides would count half of their difference, times |a|, as an offset
+    straight, at = (sides, k + 2) if unequal else (whole, k + 1)
     return result._replace(
         ratio_length=length,
         stability=stability,
-        understeer=gradient(whole, lambda c: c[k]),
+        understeer=understeer,
         ratio=length.times(1.0 / L) if L > 0.0 else not_told(NO_WHEELBASE),
-        offset=whole.estimate(lambda c: c[k + 1] * (i if known else 1.0)),
+        offset=straight.estimate(lambda c: c[at] * (i if known else 1.0)),
         left=gradient(sides, lambda c: c[k]),
         right=gradient(sides, lambda c: c[k + 1]),
-        difference=gradient(sides, lambda c: c[k] - c[k + 1]),
+        difference=difference,
         steer=rest,
         curved=max(curved, key=lambda one: abs(one.value)) if curved else result.curved,
         far=far,
+        unequal=unequal,
     )
 
 

@@ -19,7 +19,6 @@ from mbd_sim_ros.analysis.evaluation.signals import GIVEN, WHEELS, Signals
 NORM = 'definitions of ISO 4138 [ISO4138] and ISO 7401'
 POINTS = 1400  # of a cloud that is drawn; ten times as many make a page slow
 AGREES = 0.1  # part by which the ratio of the drive may differ from the given one; 1 would take any
-DIFFERS = 0.2  # part of the understeer gradient by which left and right differ at least to be named; 2 hides all
 ROADS = ('road_angle', 'road_angle_left', 'road_angle_right')
 
 
@@ -144,13 +143,12 @@ def _steering(
         figures.append(Figure('time_steady', f'quasi-steady, up to {p.high:g} m/s^2', h.seconds, 's'))
         figures += [_figure(name, names[name][0], one, names[name][1]) for name, one in values.items()]
         figures.append(_figure('yaw_rate_delay', 'delay of the yaw rate behind the steering', side.delay, 's'))
-        unequal = DIFFERS * abs(h.understeer.value)
         if h.curved.told:
             notes.append(
                 f'check: the steering is not proportional: at {DEG * h.far:.3g} deg the {steering.text} has turned '
                 f'{100.0 * h.curved.value:.2g} % more than by the ratio of the middle, which is given'
             )
-        if h.difference.outside(-unequal, unequal):
+        if h.unequal:
             notes.append('check: the car understeers differently to the left and to the right')
         if np.isfinite(h.steer).any() and h.a.size:
             curves = [Curve('quasi-steady moments', *_cloud(h.a, h.steer), 'cloud')]
