@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from mbd_sim_ros.fitting.planned import PLANS, planned
-from mbd_sim_ros.fitting.problem import Problem, Unknown
+from mbd_sim_ros.fitting.problem import Problem
+from mbd_sim_ros.fitting.unknowns import Unknown
 from solver.errors import MbdError, SpecError
 
 TOGETHER = 0.95  # correlation from which two parameters cannot be told apart; 0.995 would let pass a tenfold interval

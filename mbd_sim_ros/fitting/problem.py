@@ -3,17 +3,9 @@ derivatives."""
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
-import multiprocessing
-import os
-import signal
-import threading
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, wait
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,13 +13,15 @@ import numpy as np
 
 from mbd_sim_ros import interrupts
 from mbd_sim_ros.fitting import recordings, sensors
-from mbd_sim_ros.fitting.car import CONSTANTS, SHORT, Car
-from mbd_sim_ros.fitting.driving import COLUMNS, Inputs, Steering, drive
-from mbd_sim_ros.fitting.file import CLASS, FitFile, Known, number_of, sd_of
+from mbd_sim_ros.fitting.car import Car
+from mbd_sim_ros.fitting.driving import Inputs, Steering, drive
+from mbd_sim_ros.fitting.file import FitFile, number_of
 from mbd_sim_ros.fitting.noise import Noise, whitened
-from mbd_sim_ros.fitting.recordings import Data, Window
+from mbd_sim_ros.fitting.recordings import Data
+from mbd_sim_ros.fitting.runs import Driven, Job, Memory, Workers
 from mbd_sim_ros.fitting.sensors import KINDS, Sensor
-from solver.disk import Store, digest, sources
+from mbd_sim_ros.fitting.unknowns import grown, unknowns_of
+from solver.disk import digest, sources
 from solver.errors import BagError, MbdError, SpecError
 from solver.validate import require
 
@@ -36,63 +30,6 @@ SLOWEST = 3.0  # m/s of a passenger car: windows with a lower speed are left out
 LEAST_SECONDS = 20.0  # of windows to be fitted, of a passenger car
 LACKING = 0.05  # part of a signal that a model lacks, before a fit has shown it; ten times as much would tell nothing
 LACKING_TIME = 0.4  # s, its correlation time, of a passenger car
-STEERING = ('delay', 'gain', 'offset', 'lag')
-SENSOR = ('delay', 'gain', 'offset', 'lever_x', 'lever_y', 'mounting')
-
-
-@dataclasses.dataclass(frozen=True)
-class Unknown:
-    """A number that is estimated. name: as in the file and the results. of: 'vehicle', 'steering' or a channel. part:
-    which one of it. centre, sd: what is known of it before, an infinite sd where nothing is. width: its scale. sought:
-    a parameter of the file; others are there because they are uncertain."""
-
-    name: str
-    of: str
-    part: str
-    centre: float
-    sd: float
-    width: float
-    low: float = -math.inf
-    high: float = math.inf
-    unit: str = ''
-    sought: bool = False
-
-    @property
-    def runs(self) -> bool:
-        """True where another value needs other runs."""
-        return self.of in ('vehicle', 'steering')
-
-
-class Job(NamedTuple):
-    """Windows to be driven. car, steering: numbers. centre: of a level that is linear in them."""
-
-    car: dict[str, float]
-    steering: Steering
-    which: tuple[int, ...]
-    centre: str
-
-    @property
-    def key(self) -> str:
-        """All that the motions depend on, beside recordings and sources."""
-        return repr((sorted(self.car.items()), self.steering, self.which, self.centre))
-
-
-class Memory:
-    """Motions that were driven already, on disk: a fit that was killed goes on with them."""
-
-    def __init__(self, directory: Path, identity: str) -> None:
-        self._store, self._identity = Store(directory), identity
-
-    def read(self, key: str) -> np.ndarray | None:
-        """The motions of a job, None where there are none."""
-        name = digest(key).hex()
-        content = self._store.read(name, self._identity, key)
-        return None if content is None else np.frombuffer(content).reshape(-1, COLUMNS)
-
-    def write(self, key: str, rows: np.ndarray) -> None:
-        """Keep the motions of a job; on a full disk they are not kept."""
-        with suppress(OSError):
-            self._store.write(digest(key).hex(), np.ascontiguousarray(rows).tobytes(), self._identity, key)
 
 
 class Piece(NamedTuple):
@@ -125,12 +62,13 @@ class Problem:
         self.inputs = [Inputs(self.data[w.recording], file.drive, w, self.car) for w in self.windows]
         self.dt = self.inputs[0].dt if self.inputs else 10.0 * self.car.h
         self.pieces = self._pieces()
-        self.unknowns = self._unknowns()
+        self.unknowns, self._steering, self._sensors = unknowns_of(file, self.car, self.kinds)
         self.names = [u.name for u in self.unknowns]
         self._factors: dict[tuple[int, str], np.ndarray] = {}
         self.reset_noise()
-        self._pool: ProcessPoolExecutor | None = None
-        self._workers = workers
+        self._workers = None
+        if workers > 1 and file.level != 'single_track':  # whose runs are shorter than their way to a process
+            self._workers = Workers(workers, _driver, (file, home, [*self.data.values()]))
         self.undriven: set[int] = set()  # windows that are left out because the vehicle cannot drive them
         self.runs = 0  # simulations of all windows so far
         self.memory: Memory | None = None
@@ -171,99 +109,11 @@ class Problem:
             begin = window.begin
             for name, channel in self.file.channels.items():
                 track = self.data[window.recording].tracks[channel.channel]
-                keep = (track.t >= window.first) & (track.t <= window.last - 0.0)
+                keep = (track.t >= window.first) & (track.t <= window.last)
                 t, y, spread = _means(track.t[keep] - begin, track.y[keep], self.dt)
                 inside = t <= self.inputs[k].t[-1]
                 if inside.sum() >= 4:
                     found.append(Piece(k, name, t[inside], y[inside], spread[inside]))
-        return found
-
-    def _unknowns(self) -> list[Unknown]:
-        file, car, found = self.file, self.car, list[Unknown]()
-        taken: dict[str, str] = {}
-        for name, known in file.parameters.items():
-            number = car.number(name)
-            for key in number.keys:
-                if key in taken:
-                    raise SpecError(
-                        f'parameters: {name} and {taken[key]} are both {key} of the vehicle; keep one of them'
-                    )
-                taken[key] = name
-            found.append(self._number(name, known, sought=True))
-        constants: dict[str, Known] = {}
-        if isinstance(file.constants, Mapping):
-            constants = {name: Known(sd=CLASS) for name in CONSTANTS} if not file.constants else dict(file.constants)
-        for name, known in constants.items():
-            if file.loads is not None and name in ('mass', 'center_x'):
-                continue
-            if not any(key in taken for key in car.number(name).keys) and known.sd is not None:
-                unknown = self._number(name, known, sought=False)
-                found += [unknown] if unknown.sd > 0.0 else []
-        found += self._steering()
-        for name in file.channels:
-            found += self._sensor(name)
-        return found
-
-    def _number(self, name: str, known: Known, *, sought: bool) -> Unknown:
-        number, own, of_class = self.car.number(name), self.car.value(name), self.car.class_sd(name)
-        if self.file.loads is not None and set(number.keys) & {'chassis.mass', 'chassis.com.0'}:
-            raise SpecError(f'parameters: {name}: the measured loads of the axles give it; remove one of both')
-        unit = number.unit or ''
-        centre = own if known.value is None else number_of(known.value, f'parameters: {name}: value', unit)
-        sd = sd_of(known, f'parameters: {name}', centre, unit, of_class)
-        low = -math.inf if known.low is None else known.low
-        high = math.inf if known.high is None else known.high
-        if own > 0.0 and number.relative:
-            low, high = max(low, 0.02 * own), min(high, 10.0 * own)
-        if not low < centre < high:
-            raise SpecError(
-                f'parameters: {name}: the known value {centre:g} lies outside of its bounds {low:g} and {high:g}'
-            )
-        return Unknown(name, 'vehicle', name, centre, sd, of_class, low, high, unit, sought)
-
-    def _steering(self) -> list[Unknown]:
-        drive_, slow = self.file.drive, self.car.size.time
-        road = bool(drive_.road_wheel)
-        usual = {
-            'delay': (drive_.delay, 0.0, sensors.DELAY * slow, 's'),
-            'gain': (drive_.gain, 1.0, sensors.GAIN, '1'),
-            'offset': (drive_.offset, 0.0, math.radians(0.15 if road else 2.0), 'rad'),
-            'lag': (drive_.lag or Known(sd='none'), 0.0, sensors.DELAY * slow, 's'),
-        }
-        found = []
-        for part, (known, centre, of_class, unit) in usual.items():
-            own = known or Known(sd=CLASS)
-            centre = centre if own.value is None else number_of(own.value, f'drive: {part}', unit)
-            sd = sd_of(own, f'drive: {part}', centre, unit, of_class)
-            low = 0.0 if part == 'lag' else 0.2 if part == 'gain' else -math.inf
-            if sd > 0.0:
-                name = f'steering.{part}'
-                found.append(Unknown(name, 'steering', part, centre, sd, of_class, low=low, unit=unit))
-            self._fixed_steering = getattr(self, '_fixed_steering', {}) | {part: centre}
-        return found
-
-    def _sensor(self, name: str) -> list[Unknown]:
-        channel, kind = self.file.channels[name], KINDS[self.kinds[name]]
-        slow = self.car.size.time
-        none = Known(sd='none')
-        scale = kind.offset * _grown(kind.unit, self.car)
-        usual = {
-            'delay': (channel.delay or Known(sd=CLASS), 0.0, sensors.DELAY * slow, 's'),
-            'gain': (channel.gain or Known(sd=CLASS), 1.0, sensors.GAIN, '1'),
-            'offset': (channel.offset or Known(sd=CLASS), 0.0, scale, kind.unit),
-            'lever_x': (channel.lever or none, 0.0, 0.05 * self.car.size.length, 'm'),
-            'lever_y': (channel.lever or none, 0.0, 0.05 * self.car.size.length, 'm'),
-            'mounting': (channel.mounting or none, 0.0, 0.02, 'rad'),
-        }
-        found, fixed = [], {}
-        for part, (known, usual_centre, of_class, unit) in usual.items():
-            where = f'channels.{name}: {part}'
-            centre = usual_centre if known.value is None else number_of(known.value, where, unit)
-            sd = sd_of(known, where, centre, unit, of_class)
-            fixed[part] = centre
-            if sd > 0.0:
-                found.append(Unknown(f'{name}.{part}', name, part, centre, sd, of_class, unit=unit))
-        self._fixed = getattr(self, '_fixed', {}) | {name: fixed}
         return found
 
     def _first_noise(self, name: str) -> Noise:
@@ -277,7 +127,7 @@ class Problem:
             noise = number_of(channel.noise, f'channels.{name}: noise', kind.unit)
             require(noise > 0.0, 'channels', f'{name}.noise', noise, 'must be > 0')
         else:
-            noise = max(min(kind.noise * _grown(kind.unit, self.car), max(seen, 1e-9)), 1e-9)
+            noise = max(min(kind.noise * grown(kind.unit, self.car), max(seen, 1e-9)), 1e-9)
         # of a car in a steady circle the model lacks a part of the signal, not of its changes; a speed is followed
         about = float(np.mean(values)) if self.kinds[name] in sensors.AROUND else 0.0
         size = float(np.sqrt(np.mean((values - about) ** 2)))
@@ -332,7 +182,7 @@ class Problem:
         rows: list[Any] = [None if self.memory is None else self.memory.read(job.key) for job in jobs]
         todo = [i for i, one in enumerate(rows) if one is None]
         self.runs += len(todo)
-        for i, one in zip(todo, self._run([jobs[i] for i in todo]), strict=True):
+        for i, one in zip(todo, self._driven([jobs[i] for i in todo]), strict=True):
             rows[i] = one
             if self.memory is not None and not isinstance(one, MbdError):
                 self.memory.write(jobs[i].key, one)
@@ -340,27 +190,23 @@ class Problem:
 
     def _job(self, x: np.ndarray, which: Sequence[int]) -> Job:
         values = self.values(x)
-        steering = self._fixed_steering | {u.part: values[u.name] for u in self.unknowns if u.of == 'steering'}
+        steering = self._steering | {u.part: values[u.name] for u in self.unknowns if u.of == 'steering'}
         return Job(self._car_values(values), Steering(**steering), tuple(which), self.car.centre)
 
-    def _run(self, jobs: Sequence[Job]) -> Iterator[Any]:
-        if self._workers < 2 or len(jobs) < 2 or self.file.level == 'single_track':
-            for job in jobs:
-                interrupts.check()
-                yield self.drive(job)
+    def _driven(self, jobs: Sequence[Job]) -> Iterator[Driven]:
+        if self._workers is not None and len(jobs) > 1:
+            yield from self._workers.drive(jobs)
             return
-        if self._pool is None:
-            given = self.file, self.home, [*self.data.values()]
-            self._pool = ProcessPoolExecutor(
-                self._workers, multiprocessing.get_context('spawn'), initializer=_begin, initargs=given
-            )
-        waiting = [self._pool.submit(_there, job) for job in jobs]
-        for one in waiting:
-            while not wait([one], timeout=0.2).done:
-                interrupts.check()
-            yield one.result()
+        for job in jobs:
+            interrupts.check()
+            yield self.drive(job)
 
-    def drive(self, job: Job) -> np.ndarray | MbdError:
+    def close(self) -> None:
+        """End the processes."""
+        if self._workers is not None:
+            self._workers.close()
+
+    def drive(self, job: Job) -> Driven:
         """Motions of the windows of a job, one behind the other, or why there are none."""
         try:
             inputs = [self.inputs[k] for k in job.which]
@@ -379,12 +225,6 @@ class Problem:
             parts += [digest(t.t.tobytes(), t.y.tobytes()).hex() for _, t in sorted(one.tracks.items())]
         self.memory = Memory(directory, digest(*parts).hex())
 
-    def close(self) -> None:
-        """End the processes."""
-        if self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
-            self._pool = None
-
     def signals(self, x: np.ndarray, motions: Sequence[np.ndarray], which: Sequence[int]) -> list[np.ndarray]:
         """Predicted values of the pieces of windows, in their order."""
         values = self.values(x)
@@ -398,7 +238,7 @@ class Problem:
 
     def _made(self, name: str, values: Mapping[str, float]) -> Sensor:
         channel = self.file.channels[name]
-        found = self._fixed[name] | {u.part: values[u.name] for u in self.unknowns if u.of == name}
+        found = self._sensors[name] | {u.part: values[u.name] for u in self.unknowns if u.of == name}
         com = self.car.com
         return Sensor(self.kinds[name], channel.at or com, com, channel.yaw, **found)
 
@@ -516,38 +356,14 @@ class Problem:
         )
 
 
-_THERE: list[Problem] = []  # the problem of a process that runs
-
-
-def _begin(file: FitFile, home: Path, data: Sequence[Data]) -> None:
-    """Begin a process: Ctrl-C is for the one that asked, and it ends with that one."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = os.getppid()
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-    _THERE.append(Problem(file, home, data=data))
-
-
-def _there(job: Job) -> np.ndarray | MbdError:
-    return _THERE[0].drive(job)
+def _driver(file: FitFile, home: Path, data: Sequence[Data]) -> Callable[[Job], Driven]:
+    return Problem(file, home, data=data).drive
 
 
 def _moved(x: np.ndarray, j: int, by: float) -> np.ndarray:
     found = x.copy()
     found[j] += by
     return found
-
-
-def _grown(unit: str, car: Car) -> float:
-    """Factor by which noise and offsets of a sensor grow with the size of the vehicle."""
-    if unit in ('rad/s',):
-        return 1.0 / car.size.time
-    return car.size.speed if unit == 'm/s' else 1.0
 
 
 def _means(t: np.ndarray, y: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -565,6 +381,3 @@ def _means(t: np.ndarray, y: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndar
 
 def _why(told: Sequence[str]) -> str:
     return f'; left out: {"; ".join(told[:3])}{" and more" if len(told) > 3 else ""}' if told else ''
-
-
-__all__ = ['COLUMNS', 'SHORT', 'Piece', 'Problem', 'Unknown', 'Window']

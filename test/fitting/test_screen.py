@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mbd_sim_ros.fitting.problem import Unknown
 from mbd_sim_ros.fitting.recordings import Window
 from mbd_sim_ros.fitting.screen import _look, seen
+from mbd_sim_ros.fitting.unknowns import Unknown
 from solver.errors import BagError
 
 DT = 0.04

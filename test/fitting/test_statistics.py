@@ -9,9 +9,10 @@ import pytest
 
 from mbd_sim_ros.fitting.estimation import covariance_of, noise_of
 from mbd_sim_ros.fitting.noise import Noise, estimated, whitened
-from mbd_sim_ros.fitting.problem import Piece, Problem, Unknown
+from mbd_sim_ros.fitting.problem import Piece, Problem
 from mbd_sim_ros.fitting.recordings import Window
 from mbd_sim_ros.fitting.solve import descend
+from mbd_sim_ros.fitting.unknowns import Unknown
 
 
 class Linear(Problem):
