@@ -11,6 +11,7 @@ import pytest
 from mbd_sim_ros import fitting
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.fitting import example
+from mbd_sim_ros.fitting.estimation import Fitted
 from mbd_sim_ros.fitting.file import load_file
 from solver.errors import BagError, MbdError, SpecError
 
@@ -58,11 +59,22 @@ def file(tables: Path, tmp_path: Path) -> Path:
     return tmp_path / 'fit.yaml'
 
 
-@pytest.mark.long
-def test_known_truth_from_python_the_same_bits_twice(file: Path, tmp_path: Path) -> None:
+@pytest.fixture(scope='module')
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the fit from Python is written."""
+    return tmp_path_factory.mktemp('out')
+
+
+@pytest.fixture(scope='module')
+def first(tables: Path, out: Path) -> Fitted:
+    """The fit from Python."""
+    return fitting.fit(fitting.load(tables / 'fit.yaml'), out)
+
+
+@pytest.mark.slow
+def test_known_truth_from_python(first: Fitted, tables: Path, out: Path) -> None:
     """Every number within its interval, the delay of the sensor too, and an interval of a few percent; a fit that
     begins again with the runs of the first one needs no other ones and has the same bits."""
-    first = fitting.fit(fitting.load(file), tmp_path / 'out')
     for name, truth in TRUTH.items():
         one = first.parameters[name]
         assert one.low - 0.2 * one.sd < truth < one.high + 0.2 * one.sd  # of three numbers one in seven is beyond 95 %
@@ -71,11 +83,11 @@ def test_known_truth_from_python_the_same_bits_twice(file: Path, tmp_path: Path)
     delay = next(e for e in first.estimates if e.name == 'yaw_rate.delay')
     assert abs(delay.value - 0.02) < 3.0 * delay.sd
     assert first.held_out['yaw_rate']['rms'] < 0.5 * first.held_out['yaw_rate']['before']
-    again = fitting.fit(fitting.load(file), tmp_path / 'out')
+    again = fitting.fit(fitting.load(tables / 'fit.yaml'), out)
     assert again.problem.runs == 0
     assert np.array_equal(again.x, first.x)
     assert np.array_equal(again.covariance, first.covariance)
-    files = fitting.write(first, tmp_path / 'out')
+    files = fitting.write(first, out)
     text = Path(files['vehicle']).read_text()
     assert 'cornering_stiffness_front' in text
     from mbd_sim_ros.sweep.design import cases, load_sweep
@@ -92,8 +104,11 @@ def test_known_truth_from_python_the_same_bits_twice(file: Path, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_command(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One object on stdout, with the names that are promised; the files are there, the runs are gone."""
+def test_command_has_the_bits_of_python(
+    file: Path, first: Fitted, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One object on stdout, with the names that are promised; the files are there, the runs are gone. Nothing is shared
+    with the fit from Python, whose bits it has."""
     assert main(['fit', str(file), '--preflight', '--json', '--workers', '1']) == 0
     told = json.loads(capsys.readouterr().out)
     assert told['parameters']['cornering_stiffness_front']['told'] is True
@@ -102,6 +117,8 @@ def test_command(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert found['status'] == 'ok'
     assert set(found['parameters']['cornering_stiffness_rear']) >= {'value', 'low', 'high', 'told'}
     assert set(found['held_out']['yaw_rate']) == {'rms', 'before'}
+    for name, one in first.parameters.items():
+        assert [found['parameters'][name][key] for key in ('value', 'low', 'high')] == [one.value, one.low, one.high]
     assert all(Path(place).is_file() for place in found['files'].values())
     assert not (tmp_path / 'out' / 'runs').exists()
 
@@ -160,7 +177,7 @@ def test_refused(file: Path, change: tuple[str, str], sentence: str) -> None:
     assert '\n' not in str(error.value)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_result_that_is_worse_is_refused(file: Path, tmp_path: Path) -> None:
     """The recording that is held out is of the car that the fit begins with: what fits the other one is worse there."""
     given = load_file(file)

@@ -126,6 +126,23 @@ def test_mounting_angle() -> None:
     assert found[0] == pytest.approx(5.0 * math.cos(0.1) - 3.0 * math.sin(0.1))
 
 
+def test_signs_of_angles() -> None:
+    """Axes of ISO 8855: roll is positive with the left side up, pitch with the nose down, sideslip to the left. The
+    angles of a body that is rolled by 0.2 and then, about the pitched axis, stands at -0.1 come back apart."""
+    roll, pitch = 0.2, -0.1
+    rows = np.zeros((100, 23))
+    rows[:, 15] = math.sin(0.5 * roll) * math.cos(0.5 * pitch)  # quaternion of pitch, then of roll: x, y, z, w
+    rows[:, 16] = math.cos(0.5 * roll) * math.sin(0.5 * pitch)
+    rows[:, 17] = -math.sin(0.5 * roll) * math.sin(0.5 * pitch)
+    rows[:, 18] = math.cos(0.5 * roll) * math.cos(0.5 * pitch)
+    rows[:, 6], rows[:, 7] = 20.0, -1.0
+    place = (0.0, 0.0, 0.0)
+    at = np.array([0.5])
+    assert Sensor('roll', place, place, 0.0).at(rows, 0.01, at) == pytest.approx(roll)
+    assert Sensor('pitch', place, place, 0.0).at(rows, 0.01, at) == pytest.approx(pitch)
+    assert Sensor('sideslip', place, place, 0.0).at(rows, 0.01, at) == pytest.approx(-0.049958, abs=1e-6)
+
+
 def test_lag_of_the_steering() -> None:
     """Behind a ramp of 2 rad/s a lag of 0.1 s stays 0.2 rad back; rate and acceleration belong to it."""
     h = 0.001
