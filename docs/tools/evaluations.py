@@ -7,8 +7,9 @@ import dataclasses
 import re
 from pathlib import Path
 
+from mbd_sim_ros.analysis.evaluation.grid import POSE
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS
-from mbd_sim_ros.analysis.evaluation.signals import FORCE, POSE, TWIST, WAYS, Way
+from mbd_sim_ros.analysis.evaluation.signals import FORCE, TWIST, WAYS, Way
 
 FILE = Path(__file__).parents[1] / 'evaluating.md'
 PART = re.compile(r'<!-- begin (?P<name>\w+) -->\n.*?<!-- end -->', re.DOTALL)

@@ -9,14 +9,14 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from mbd_sim_ros.analysis.evaluation import signals
+from mbd_sim_ros.analysis.evaluation.grid import shared_grid
 from mbd_sim_ros.analysis.view.picture import write_film
 from solver.errors import BagError
 
 
 def test_a_clock_that_was_set_makes_no_grid_of_years() -> None:
     t = np.arange(2000, dtype=np.int64) * 10_000_000
-    grid, _, notes = signals._grid({'x': t}, 'bag', frozenset())
+    grid, _, notes = shared_grid({'x': t}, 'bag', frozenset())
     assert grid.size == t.size and not notes
     t[1000:] += 30 * 365 * 86_400 * 1_000_000_000
     with pytest.raises(
@@ -24,7 +24,7 @@ def test_a_clock_that_was_set_makes_no_grid_of_years() -> None:
         match=r'bag: from 0 to 9\.46\d+e\+08 s there are more than 5000000 samples at steps of 0\.01 s; a clock was '
         r'set',
     ) as caught:
-        signals._grid({'x': t}, 'bag', frozenset())
+        shared_grid({'x': t}, 'bag', frozenset())
     assert '\n' not in str(caught.value)
 
 

@@ -15,9 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbd_sim_ros.analysis.evaluation.measures import low_passed
+from mbd_sim_ros.analysis.evaluation import grid
+from mbd_sim_ros.analysis.evaluation.grid import POSE
 from mbd_sim_ros.bags import clocks
-from mbd_sim_ros.bags.reader import Run, Series
+from mbd_sim_ros.bags.reader import Run
 from solver.analysis.driven import DIRECT
 from solver.analysis.figures import is_vehicle, mass_figures
 from solver.analysis.kinematics_and_compliance import Rig, kinematic_figures
@@ -27,20 +28,12 @@ from solver.quantities import OF_BODY
 from solver.scene import Scene
 from solver.vehicle.size import size_of
 
-POSE = tuple(f'odom/pose/{name}' for name in ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'))
 TWIST = tuple(f'odom/twist/{name}' for name in ('vx', 'vy', 'vz', 'wx', 'wy', 'wz'))
 FORCE = tuple(f'imu/{name}' for name in ('ax', 'ay', 'az'))
 BODY = (*POSE, *TWIST, *FORCE)
-LARGEST_RATE = 1000.0  # Hz of the grid
-# of the rate of the grid: what is recorded finer is low-passed there, or it would come back below half the rate
-BAND = 0.4
 GIVEN = 'by --set'  # parameters of an evaluation
-GAP = 0.25  # s without a sample that is told
-SLOWER = 3.0  # times the usual interval: what is so much longer in a second is another rate
-SHARED = 0.95  # part of the time of all topics that an evaluation covers without a note
 # torques, which hold
 COMMANDS = tuple(f'cmd_applied/{name}' for name in ('brake_torque', 'drive_torque', 'steering_torque'))
-MOST_SAMPLES = 5_000_000  # of the grid: an hour and more at its largest rate
 Columns = Sequence[np.ndarray]
 
 
@@ -110,7 +103,6 @@ WAYS |= {name: ('1', 'factor on the friction under a wheel', (_one(channel),)) f
 TURNS = {f'wheel_rate_{wheel}': f'joint_states/wheel_{wheel}/velocity' for wheel in WHEELS}
 WAYS |= {name: ('rad/s', 'speed of rotation of a wheel', (_one(channel),)) for name, channel in TURNS.items()}
 WAYS |= {f'wheel_speed_{wheel}': ('m/s', 'circumferential speed of a wheel', ()) for wheel in WHEELS}
-ANGLES = ('heading',)
 NEEDED = tuple(dict.fromkeys(channel for _, _, ways in WAYS.values() for way in ways for channel in way.channels))
 
 
@@ -222,7 +214,7 @@ def signals(
 
     Raises BagError that says which channel is missing.
     """
-    home = {name: one for one in _without_jumps(run).values() for name in one.columns}
+    home = {name: one for one in grid.without_jumps(run).values() for name in one.columns}
     chosen: dict[str, Way] = {}
     without: dict[str, None] = {}
     empty = {c for c in (*NEEDED, *WAYS) if c in home and not np.isfinite(home[c].columns[c]).any()}
@@ -253,20 +245,20 @@ def signals(
         if unread:
             without[unread] = None
     channels = tuple(dict.fromkeys(channel for way in chosen.values() for channel in way.channels))
-    samples = {c: _numbers(home[c], c, place) for c in channels}
+    samples = {c: grid.numbers(home[c], c, place) for c in channels}
     held = held | {c for c in channels if c in COMMANDS}
     try:
-        t_ns, origin, notes = _grid({c: t for c, (t, _) in samples.items()}, place, held)
+        t_ns, origin, notes = grid.shared_grid({c: t for c, (t, _) in samples.items()}, place, held)
     except BagError:
         if told := clocks.apart(run.accounts):
             raise BagError(f'{place}: {told}') from None
         raise
-    on_grid = {c: _resampled(t_ns, *samples[c], c, c in held) for c in channels}
-    _normalise(on_grid)
+    on_grid = {c: grid.resampled(t_ns, *samples[c], c, c in held) for c in channels}
+    grid.normalise(on_grid)
     values = {name: way.of([on_grid[c] for c in way.channels]) for name, way in chosen.items()}
     notes += [*without, *(way.note for way in chosen.values() if way.note)]
-    apart = {c: _apart(t) * 1e-9 for c, (t, _) in samples.items() if t.size > 1}
-    gaps = {c: _missing(t_ns, t) for c, (t, _) in samples.items() if c not in held}
+    apart = {c: grid.spacing(t) * 1e-9 for c, (t, _) in samples.items() if t.size > 1}
+    gaps = {c: grid.gaps(t_ns, t) for c, (t, _) in samples.items() if c not in held}
     missing = {name: [gaps[c] for c in way.channels if c in gaps and gaps[c].any()] for name, way in chosen.items()}
     spacing = {name: max(apart.get(c, 0.0) for c in way.channels) for name, way in chosen.items()}
     return Signals(
@@ -278,127 +270,3 @@ def signals(
         spacing={name: seconds for name, seconds in spacing.items() if seconds > 1e-9 * (t_ns[1] - t_ns[0])},
         missing={name: np.logical_or.reduce(masks) for name, masks in missing.items() if masks},
     )
-
-
-def _numbers(series: Series, channel: str, place: str) -> tuple[np.ndarray, np.ndarray]:
-    """(instants [ns], values) of a channel where it holds a number. Raises BagError where that is nowhere."""
-    values = series.columns[channel]
-    good = np.isfinite(values)
-    if good.all():
-        return series.time_ns, values
-    if not good.any():
-        raise BagError(f'{place}: the channel {channel} holds no number; map another with --map')
-    return series.time_ns[good], values[good]
-
-
-def _grid(times: Mapping[str, np.ndarray], place: str, held: frozenset[str]) -> tuple[np.ndarray, int, list[str]]:
-    """(n,) instants [ns] in the time that all channels share, as fine as the finest of them; what counts as zero;
-    notes.
-
-    held: channels whose last value holds, so that they neither end before the others nor have gaps.
-    """
-    others = [t for c, t in times.items() if c not in held] or [*times.values()]
-    begin, end = max(int(t[0]) for t in times.values()), min(int(t[-1]) for t in others)
-    step = min((int(np.median(np.diff(t))) for t in times.values() if t.size > 1), default=0)
-    if step <= 0 or end - begin < 10 * step:
-        raise BagError(f'{place}: its topics share less than ten samples; an evaluation needs a maneuver')
-    step = max(step, round(1e9 / LARGEST_RATE))
-    if end - begin > MOST_SAMPLES * step:
-        raise BagError(
-            f'{place}: from {begin * 1e-9:.6g} to {end * 1e-9:.6g} s there are more than {MOST_SAMPLES} samples at '
-            f'steps of {step * 1e-9:g} s; a clock was set meanwhile, or there is a long gap: cut the recording there'
-        )
-    notes, origin = [], 0 if begin < 10_000_000_000_000 else begin
-    for t in others:
-        if t.size < 2:
-            continue
-        apart = np.diff(t)
-        widest = int(np.argmax(apart))
-        if apart[widest] > max(GAP * 1e9, 3 * step):
-            count = int(np.sum(apart > max(GAP * 1e9, 3 * step)))
-            more = f', the longest of {count} such times' if count > 1 else ''
-            notes.append(
-                f'{apart[widest] * 1e-9:.3g} s without samples behind t = {(t[widest] - origin) * 1e-9:.3g} s{more}'
-            )
-    notes += _outside({c: t for c, t in times.items() if c not in held} or times, origin)
-    grid = np.arange(begin, end + 1, step, dtype=np.int64)
-    return grid, origin, list(dict.fromkeys(notes))
-
-
-def _missing(grid: np.ndarray, time_ns: np.ndarray) -> np.ndarray:
-    """(n,) True for the instants of the grid within a gap of a channel: GAP without a sample, and SLOWER usual
-    intervals."""
-    result = np.zeros(grid.size, bool)
-    apart = np.diff(time_ns)
-    if apart.size:
-        for k in np.flatnonzero(apart > max(GAP * 1e9, SLOWER * float(np.median(apart)))):
-            result[np.searchsorted(grid, time_ns[k], 'right') : np.searchsorted(grid, time_ns[k + 1])] = True
-    return result
-
-
-def _apart(time_ns: np.ndarray) -> float:
-    """Time between two samples [ns]: the usual one or, where the rate is lower for a tenth of the time, that in its
-    seconds. Stamps may be uneven, and seconds without any sample are gaps."""
-    usual = float(np.median(np.diff(time_ns)))
-    _, counts = np.unique((time_ns - time_ns[0]) // 1_000_000_000, return_counts=True)
-    slow = float(np.quantile(1e9 / counts[:-1], 0.9)) if counts.size > 1 else usual  # the last second is not whole
-    return slow if slow > SLOWER * usual else usual
-
-
-def _outside(times: Mapping[str, np.ndarray], origin: int) -> list[str]:
-    """A note where the time that all channels share is not nearly all there is: what begins last, or ends first. times:
-    of those that are sampled, not of commands."""
-    begins, ends = ({c: int(t[k]) for c, t in times.items()} for k in (0, -1))
-    first, begin, end, last = min(begins.values()), max(begins.values()), min(ends.values()), max(ends.values())
-    if end - begin >= SHARED * (last - first):
-        return []
-    late = begin - first > last - end
-    who = (
-        f'{max(begins, key=begins.__getitem__)} begins then' if late else f'{min(ends, key=ends.__getitem__)} ends then'
-    )
-    t = [(one - origin) * 1e-9 for one in (begin, end, first, last)]
-    return [f'judged from t = {t[0]:.4g} to {t[1]:.4g} s alone, of {t[2]:.4g} to {t[3]:.4g} s: {who}']
-
-
-def _resampled(grid: np.ndarray, time_ns: np.ndarray, values: np.ndarray, name: str, hold: bool) -> np.ndarray:
-    if name in ANGLES:
-        values = np.unwrap(values)
-    if np.array_equal(grid, time_ns):
-        return values
-    if hold:
-        return values[np.clip(np.searchsorted(time_ns, grid, 'right') - 1, 0, None)]
-    at, own = (grid - grid[0]).astype(float), (time_ns - grid[0]).astype(float)
-    step = float(at[1])
-    finer = (
-        min(math.ceil(step / max(float(np.median(np.diff(own))), 1.0) - 0.01), 2 * values.size // at.size)
-        if own.size > 1
-        else 1
-    )
-    if finer < 2:
-        return np.interp(at, own, values)
-    fine = np.interp(np.arange((at.size - 1) * finer + 1) * (step / finer), own, values)
-    return low_passed(fine, 1e9 * finer / step, 1e9 * BAND / step)[::finer]
-
-
-def _normalise(columns: dict[str, np.ndarray]) -> None:
-    """Quaternions of length one again, after interpolation."""
-    if all(name in columns for name in POSE[3:]):
-        length = np.sqrt(sum(columns[name] ** 2 for name in POSE[3:]))
-        for name in POSE[3:]:
-            columns[name] = columns[name] / np.where(length > 0.0, length, 1.0)
-
-
-def _without_jumps(run: Run) -> dict[str, Series]:
-    """The series of a run, its quaternions without changes of sign, so that they may be interpolated; zeros, which who
-    knows no orientation sends, are none."""
-    series = dict(run.series)
-    for topic, one in run.series.items():
-        if all(name in one.columns for name in POSE[3:]):
-            q = np.column_stack([one.columns[name] for name in POSE[3:]])
-            q[~(np.isfinite(q).all(axis=1) & q.any(axis=1))] = np.nan
-            given = q[np.isfinite(q[:, 0])]
-            flips = np.where((given[1:] * given[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
-            given[1:] *= np.cumprod(flips)[:, None]
-            q[np.isfinite(q[:, 0])] = given
-            series[topic] = Series(one.time_ns, one.columns | dict(zip(POSE[3:], q.T)))
-    return series
