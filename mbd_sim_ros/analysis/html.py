@@ -24,7 +24,6 @@ LEGEND = (
     'comes, by the largest correlation. In band: part of the time at which the run is inside the 95 % confidence band '
     'of the mean of the repeats.'
 )
-LATE = 1e4  # s: stamps from here on are counted from the first; a float of 32 bits holds no time of day
 
 
 def write_report(
@@ -87,7 +86,7 @@ def _charts(
 ) -> tuple[Block, Block]:
     """Curves of a channel, and their difference, over one time."""
     keep = thinned(points, curves.run, curves.reference, curves.difference)
-    origin = float(curves.time[0]) if abs(curves.time[0]) >= LATE else 0.0
+    origin = pages.origin_of(float(curves.time[0]))
     time = (curves.time - origin)[keep]
     note = f'largest difference {d.max:.4g} at {d.time:.6g} s, RMS {d.rms:.4g}'
     note += f', rating {d.rating.overall:.3f}' if d.rating is not None else ''

@@ -37,13 +37,12 @@ QUANTITIES = {  # quantity of a corner -> (SI unit, text)
     'camber': ('rad', 'camber (top inwards: negative)'),
     'steer': ('rad', 'angle of the road wheel (left: positive)'),
     'load': ('N', 'vertical force at the wheel'),
-    'contact_x': ('m', 'contact patch, forward'),
-    'contact_y': ('m', 'contact patch, to the left'),
-    'center_x': ('m', 'wheel centre, forward'),
-    'center_y': ('m', 'wheel centre, to the left'),
+    'contact_x': ('m', 'contact patch, forward of the design wheel centre'),
+    'contact_y': ('m', 'contact patch, to the left of the design wheel centre'),
+    'center_x': ('m', 'wheel centre, forward of its design place'),
+    'center_y': ('m', 'wheel centre, to the left of its design place'),
 }
-
-
+# SI unit -> (unit for people, factor to it)
 PEOPLE = {'rad': ('deg', DEG), 'm': ('mm', 1e3), 'N m/rad': ('N m/deg', 1.0 / DEG), 'N/m': ('N/mm', 1e-3)}
 DRAWN = {  # sweep -> quantities of corners that are drawn; all are in its table
     'bump': ('toe', 'camber', 'load', 'contact_y', 'center_x'),
@@ -208,12 +207,12 @@ def write_page(bench: Bench, file: Path, title: str, facts: Sequence[tuple[str, 
         if sweep.notes:
             blocks.append(pages.text(*(f'Note: {note}' for note in sweep.notes)))
         x_label, fx = _people(sweep.label, sweep.unit)
-        drawn = []
+        drawn = []  # right wheels are dashed, for they often lie upon the left ones
         for name in DRAWN[sweep.name.partition('_')[0]]:
             unit, text = QUANTITIES[name]
             y_label, fy = _people(name.replace('_', ' '), unit)
             curves = [
-                pages.curve(c.replace('_', ' '), fx * sweep.x, fy * found[name], colour=k)
+                pages.curve(c.replace('_', ' '), fx * sweep.x, fy * found[name], colour=k, dash=k % 2)
                 for k, (c, found) in enumerate(sweep.corners.items())
             ]
             drawn.append(pages.chart(text, x_label, y_label, curves, linked=sweep.name))

@@ -270,9 +270,11 @@ function table(block, parent) {
   const t = make('table', null, make('div', null, parent, 'scroll')), head = make('tr', null, make('thead', null, t)), body = make('tbody', null, t), lines = [], named = block.columns.some(Boolean);
   const numeric = cell => typeof cell === 'number' || /^[-+]?\d[\d.]*(e[-+]?\d+)?( %| \u00b1 .*| FAIL)?$/.test(cell || '');
   const value = cell => cell === null || cell === '' || cell === '-' ? null : typeof cell === 'number' ? cell : /^[-+]?\d[\d.]*(e[-+]?\d+)?( |$)/.test(cell) ? parseFloat(cell) : String(cell);
+  // numbers stand to the right in columns that are mostly numbers, and as texts do in others
+  const filled = k => block.rows.map(row => row[k]).filter(cell => cell !== null && cell !== ''), right = block.columns.map((name, k) => named && 2 * filled(k).filter(numeric).length >= filled(k).length);
   block.rows.forEach((row, i) => {
     const tr = make('tr', null, body, (block.bad || []).includes(i) ? 'bad' : '');
-    row.forEach((cell, k) => { const text = short(cell, 5); make('td', text, tr, (named && numeric(cell) ? 'number ' : '') + (text.length > 24 ? 'long ' : '') + (!k ? '' : BAD.test(text) ? 'bad' : GOOD.test(text) ? 'ok' : '')); });
+    row.forEach((cell, k) => { const text = short(cell, 5); make('td', text, tr, (right[k] && numeric(cell) ? 'number ' : '') + (text.length > 24 ? 'long ' : '') + (!k ? '' : BAD.test(text) ? 'bad' : GOOD.test(text) ? 'ok' : '')); });
     const goes = (block.goes || [])[i];
     if (goes !== undefined && goes !== null) { tr.className += ' goes'; tr.onclick = () => charts.filter(c => c.item.key === goes).slice(0, 1).forEach(c => c.figure.scrollIntoView({ behavior: 'smooth', block: 'center' })); }
     lines.push([row, tr]);

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 HOME = 'mbd_sim_ros.analysis'
 LARGEST = 230_000  # numbers in the curves of a page: 1.2 MB in base64; ten times as many take seconds to open
+LATE = 1e4  # s: stamps from here on are counted from the first; 32-bit floats would round ten times later ones to 8 ms
 POINTS, FEWEST = 3000, 150  # of a curve: no picture shows more, and fewer hide what happens
 Block = dict[str, Any]
 
@@ -184,6 +185,11 @@ def floats(values: np.ndarray) -> str:
     """Numbers for the script."""
     with np.errstate(over='ignore'):
         return base64.b64encode(np.ascontiguousarray(values, '<f4').tobytes()).decode()
+
+
+def origin_of(first: float) -> float:
+    """Time [s] from which the stamps of a page are counted: the first stamp where it is late, else 0."""
+    return first if abs(first) >= LATE else 0.0
 
 
 def thinned(points: int, *signals: np.ndarray) -> np.ndarray:

@@ -24,7 +24,6 @@ ORDER = (
 )  # fmt: skip
 CHOSEN = ('odom/twist/vx', 'imu/ay', 'imu/wz', 'cmd_applied/steering', 'tire/front_left/force/fz')
 FEW = 4  # channels that are shown at first where none of CHOSEN is there
-LATE = 1e4  # s: stamps from here on are counted from the first; a float of 32 bits holds no time of day
 MOVES = 0.5  # m: a chassis that goes less far has no path
 
 
@@ -40,9 +39,11 @@ def write_page(places: Sequence[Path], file: Path, verdict: str = '', rows: Sequ
         for name, state in zip(names, status, strict=True)
     )
     about = [str(note) for run in found for note in runs.suspicion(run)]
-    about += [f'numerical error: {run.error_text}' for run in found if run.error_text]
+    errors = [run.error_text for run in found]
+    about += errors if len(names) == 1 else [f'{name}: {text}' for name, text in zip(names, errors, strict=True)]
     ok = all(state == OK for state in status) if any(status) else None
     facts = [fact for run, place in zip(found, places, strict=True) for fact in facts_of_run(run, str(place))]
+    rows = [row for row in rows if row[1] not in about]  # the head has said it
     blocks: list[Block] = [pages.table([('', ''), *rows])] if rows else []
     if path := _path(found, names):
         blocks += [pages.heading('Path'), pages.charts([path])]
@@ -57,8 +58,8 @@ def channels(found: Sequence[Run], names: Sequence[str]) -> list[Block]:
     kept = [*order][:MOST]
     unit = runs.units(*found)
     points = pages.points_for(len(kept) * len(found))
-    origin = min(float(one.time_ns[0]) * 1e-9 for run in found for one in run.series.values() if len(one.time_ns))
-    origin = origin if abs(origin) >= LATE else 0.0
+    first = min(float(one.time_ns[0]) * 1e-9 for run in found for one in run.series.values() if len(one.time_ns))
+    origin = pages.origin_of(first)
     data = {}
     for name in kept:
         of: list[list[str] | None] = []

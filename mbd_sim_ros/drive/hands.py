@@ -23,6 +23,7 @@ from mbd_sim_ros.node.gearbox import gears_of
 from mbd_sim_ros.node.speed_control import Car
 from solver.errors import SceneError, SpecError
 from solver.inputs.command_filter import BY_WHEEL
+from solver.inputs.shifting import Shifting
 from solver.scene import Scene
 
 LET_GO = 0.5  # s without a word of the page, after which nothing is held; ten times as much is a car without a driver
@@ -37,11 +38,8 @@ POWER = 100.0  # W/kg, of a car with 150 kW and 1.5 t
 BRAKE = 11.0  # m/s^2 of the brake with the pedal down: just beyond dry grip
 HAND = 5.0  # m/s^2 of the handbrake: locks the rear wheels
 PEDALS = {'gas': (2.5, 6.0), 'brake': (4.0, 10.0), 'hand': (8.0, 8.0), 'clutch': (8.0, 4.0)}  # 1/s down, up
-SHIFTING = 0.4  # s for which the clutch is open behind a shift: fully in the first half
-LAUNCH, BITE = (
-    3.0,
-    0.3,
-)  # m/s below which the clutch slips, and how far it is closed at rest, as in solver.inputs.shifting
+SHIFTING = Shifting.duration  # s for which the clutch is open behind a shift: fully in the first half
+LAUNCH, BITE = Shifting.launch, Shifting.bite  # m/s below which the clutch slips, and how far it is closed at rest
 
 
 class Held(NamedTuple):

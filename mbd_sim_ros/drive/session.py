@@ -73,10 +73,8 @@ class Session:
         self._out, self._records = out, recording
         self._begun = False  # somebody has started to drive
         self._drawing, self._page = page_data(simulation.scene, title, hands.seat.lock, ghost)
-        self._around, self._place = (
-            Around(simulation.scene.model.road),
-            (0.0, 0.0),
-        )  # the road, and where the car is [m]
+        self._around = Around(simulation.scene.model.road)
+        self._place = (0.0, 0.0)  # where the car is [m]
         channels = simulation.channels
         self._order = [channels.bodies.index(name) for name in self._drawing.bodies]
         self.latch = Latch(simulation, Pace(rate_factor=rate), names)
@@ -86,11 +84,8 @@ class Session:
         self._at_once = max(0, round(AT_ONCE * rate / simulation.h) - 1)
         self._record_every = simulation.scene.record.every if recording else 0
         self._moved, self._number, self._speed = simulation.k, 0, 0.0  # of the hands; of the keys in force; m/s
-        self._judged, self._judged_run, self._kept = (
-            0.0,
-            0,
-            1.0,
-        )  # when and in which run it was asked how real time is kept
+        # when and in which run it was asked how real time is kept, and the answer
+        self._judged, self._judged_run, self._kept = 0.0, 0, 1.0
         self._written = -1  # step that was recorded last
         self._writing: Any = None
         self._begin_recording()

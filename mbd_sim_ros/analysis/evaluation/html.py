@@ -44,7 +44,8 @@ def write_page(
     for name, (having, found) in overlaid.items():
         first = having[0].of(name)[0]
         blocks += [pages.heading(f'{first.title}: variants side by side'), pages.table(beside.rows(having, name))]
-        blocks.append(pages.text('Differences are those from the first variant, in percent of its size.', soft=True))
+        note = f'Differences are those from {having[0].name}, in percent of its value.'
+        blocks.append(pages.text(note, soft=True))
         blocks.append(pages.charts([_chart(one, points, f'beside {name}') for one in found]))
     for name, figures in together.items():
         head = ('figure', 'value', 'unit', 'limit', 'verdict')
