@@ -75,7 +75,7 @@ CONSTANTS = (
     'mass', 'center_x', 'height', 'yaw_inertia', 'roll_inertia', 'friction_front', 'friction_rear',
     'cornering_stiffness_front', 'cornering_stiffness_rear',
 )  # fmt: skip
-SPEED = 20.0  # m/s of the start, of a passenger car
+SPEED = 20.0  # m/s of the start, of a passenger car; windows begin with their own
 
 
 class Car:

@@ -29,11 +29,17 @@ ROUNDS = (
     2  # fits with weights from the residuals of the one before: the sum of squares of a third one is the same to 1e-4
 )
 RECENTRED = 6  # times that a level is derived anew; ten times as many would wait for what does not converge
-SAME = 0.3  # of the least sd of an unknown, the others held: by which a result may move from where it was derived
-REPLICATES = 1000  # of the bootstrap: an sd to 2 %
-WORSE = 1.02  # of the weighted error on what is held out: from there on a result predicts it worse
-FARTHEST = 4.0  # sd of what is known before, from which recordings are those of another car
-SPREAD = 1.0  # sd of the classes by which further starts lie about the first
+# of the least sd of an unknown, the others held: by which a result may move from where it was derived; ten times as
+# much takes a linear level far from its centre
+SAME = 0.3
+REPLICATES = 1000  # of the bootstrap: an sd to 2 %; ten times as many: to 0.7 %
+# of the weighted error on what is held out: from there on a result predicts it worse; 1.2 lets pass what is worse by a
+# fifth
+WORSE = 1.02
+# sd of what is known before, from which recordings are those of another car; ten times as many refuse none
+FARTHEST = 4.0
+# sd of the classes by which further starts lie about the first; ten times as much begins with cars that spin
+SPREAD = 1.0
 Say = Callable[[str], None]
 
 

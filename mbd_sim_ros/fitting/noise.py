@@ -41,7 +41,7 @@ LEAST = (
     0.05  # part of the RMS of residuals that noise and discrepancy have at least: ten times as much hides one of them
 )
 LONGEST, TRIED = 1.0, 60  # longest correlation time, in windows, and how many are tried: steps of 15 %
-LAGS = 0.4  # part of a window over which correlations are looked at
+LAGS = 0.4  # part of a window over which correlations are looked at; of longer ones few pairs are left
 
 
 def estimated(pieces: Sequence[tuple[np.ndarray, np.ndarray]], floor: float) -> Noise:

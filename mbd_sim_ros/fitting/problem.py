@@ -25,11 +25,12 @@ from solver.disk import digest, sources
 from solver.errors import BagError, MbdError, SpecError
 from solver.validate import require
 
-STEP = 0.05  # of a difference, in widths; measured: docs/fitting.md
-SLOWEST = 3.0  # m/s of a passenger car: windows with a lower speed are left out
-LEAST_SECONDS = 20.0  # of windows to be fitted, of a passenger car
+STEP = 0.05  # of a difference, in widths; ten times as much has an error of a hundred times (order two)
+# m/s of a passenger car: windows with a lower speed are left out; ten times as much leaves none of a town
+SLOWEST = 3.0
+LEAST_SECONDS = 20.0  # of windows to be fitted, of a passenger car; ten times as much refuses usual recordings
 LACKING = 0.05  # part of a signal that a model lacks, before a fit has shown it; ten times as much would tell nothing
-LACKING_TIME = 0.4  # s, its correlation time, of a passenger car
+LACKING_TIME = 0.4  # s, its correlation time, of a passenger car; ten times as much takes it for an offset
 
 
 class Piece(NamedTuple):

@@ -21,7 +21,7 @@ from solver.disk import Store, digest
 from solver.errors import MbdError
 
 LOOK = 0.2  # s between looks for a signal while runs are waited for; ten times as much makes Ctrl-C slow
-ORPHAN = 0.5  # s between looks of a process for the one that began it
+ORPHAN = 0.5  # s between looks of a process for the one that began it, which it outlives by as much
 
 
 class Job(NamedTuple):

@@ -15,12 +15,14 @@ from mbd_sim_ros.fitting.problem import Problem
 from mbd_sim_ros.fitting.sensors import DELAY
 from solver.errors import BagError
 
-LOOK = 0.6  # s to either side in which a delay is sought, of a passenger car
-LATE = 6.0  # sd of a delay from which it is a fault
-ALIKE = 0.8  # correlation from which a delay is believed
-DRIFT = 0.08  # s by which delays of one recording may differ, of a passenger car
+# s to either side in which a delay is sought, of a passenger car; in ten times as much another bend of the road fits
+LOOK = 0.6
+LATE = 6.0  # sd of a delay from which it is a fault; with ten times as many 1 s is none
+ALIKE = 0.8  # correlation from which a delay is believed; from 0.08 on noise has one
+# s by which delays of one recording may differ, of a passenger car; ten times as much hides a clock that drifts
+DRIFT = 0.08
 CHANGES = 0.2  # part of its RMS by which a signal must change to be looked at; ten times as much looks at none
-OFF = 1.6  # factor of a scale that no car of the class explains
+OFF = 1.6  # factor of a scale that no car of the class explains; 16 lets degrees pass for percent
 QUICK = ('yaw_rate', 'lateral_acceleration', 'roll_rate', 'sideslip', 'lateral_velocity', 'roll')
 
 

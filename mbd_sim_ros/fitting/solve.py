@@ -17,7 +17,9 @@ from solver.errors import MbdError, StepError
 
 GAIN = 1e-3  # of the sum of squares: no unknown is off by more than 3 % of its sd; ten times as much: 10 %
 LONGEST = 3.0  # widths of a step of the vehicle: ten times as much leaves where tires hold
-NEAR = 1.0  # of the sum of squares: below it derivatives are central, and hold for the result
+# of the sum of squares: below it derivatives are central; ten times as much makes them central earlier, at twice the
+# runs
+NEAR = 1.0
 OLDEST = 3  # steps with the same derivatives; ten times as many creep
 MOST = 40  # iterations; ten times as many would wait for what does not converge
 

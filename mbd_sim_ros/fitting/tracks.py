@@ -19,7 +19,7 @@ from solver.simulation import Simulation
 
 Tables = dict[str, dict[str, float]]
 SceneOf = Callable[[Mapping[str, float]], Scene]
-PART = 0.5  # of the sd of a number, by which it is moved to either side
+PART = 0.5  # of the sd of a number, by which it is moved to either side; ten times as much is no derivative
 
 
 class LinearTrack:
