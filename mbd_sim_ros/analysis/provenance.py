@@ -20,6 +20,8 @@ from solver.files.yaml_tree import include, parse, read_text, text_of
 SHOWN = 12  # changed keys that are shown; ten times as many are no list to read
 LONG = 60  # characters of a value
 OF_RUN = ('name', 'title')  # keys of a scene that are no settings
+# Key of a tire: file and line of each coefficient, by a path from where the program was started. It is no setting.
+PLACES = 'places'
 
 
 def facts_of_scene(text: str, name: str) -> list[tuple[str, str]]:
@@ -73,7 +75,14 @@ def facts_of_run(run: Run, place: str) -> list[tuple[str, str]]:
 
 
 def _load(text: str) -> Any:
-    return yaml.load(text, Loader=getattr(yaml, 'CSafeLoader', yaml.SafeLoader))  # both are safe loaders
+    """Values of a text, without PLACES."""
+    return _settings(yaml.load(text, Loader=getattr(yaml, 'CSafeLoader', yaml.SafeLoader)))  # both are safe loaders
+
+
+def _settings(tree: Any) -> Any:
+    if isinstance(tree, dict):
+        return {key: _settings(value) for key, value in tree.items() if key != PLACES}
+    return [_settings(value) for value in tree] if isinstance(tree, list) else tree
 
 
 @cache

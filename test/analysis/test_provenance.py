@@ -51,6 +51,15 @@ def test_another_vehicle_has_its_own_name(tmp_path: Path) -> None:
     assert found['changed keys of the vehicle'] == 'chassis.mass: 965 \u2192 1100'
 
 
+def test_a_car_is_the_same_wherever_the_program_is_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Paths of tire files are told from the current directory; they are no change of the car, and not in its hash."""
+    here = facts('car_step_steer')
+    monkeypatch.chdir(tmp_path)
+    there = facts('car_step_steer')
+    assert there['vehicle'] == here['vehicle'] and there['changed keys'] == 'none'
+    assert 'changed keys of the vehicle' not in there
+
+
 def test_a_recording_of_others_has_the_facts_that_are_known() -> None:
     other = run(n=3, x=lambda t: t)
     assert facts_of_run(other, 'theirs.csv') == [('recording', 'theirs.csv')]
