@@ -13,6 +13,7 @@ import json
 import select
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -49,8 +50,9 @@ class Controller:
     def __post_init__(self) -> None:
         require(bool(self.outputs), 'controllers', 'outputs', self.outputs, 'a controller commands something: give one')
         finite('controllers', 'every', self.every, low=0.0)
-        doubled = [name for name in self.outputs.values() if list(self.outputs.values()).count(name) > 1]
-        require(not doubled, 'controllers', 'outputs', self.outputs, f'{", ".join(doubled[:1])} is commanded twice')
+        commanded = [*self.outputs.values()]
+        for name in commanded:
+            require(commanded.count(name) == 1, 'controllers', 'outputs', self.outputs, f'{name} is commanded twice')
 
 
 class Controlled:
@@ -107,9 +109,8 @@ class Controlled:
         if self._unit is None:
             c = self.controller
             self._unit = _Process(self._where)
-            first = self._unit.ask(
-                {'open': c.fmu, 'inputs': [*c.inputs], 'outputs': [*c.outputs], 'parameters': c.parameters}
-            )
+            names = {'inputs': [*c.inputs], 'outputs': [*c.outputs], 'parameters': c.parameters}
+            first = self._unit.ask({'open': c.fmu, 'folder': self._unit.folder.name} | names)
             self._require_units(first)
             if self._waiting is not None:
                 self._unit.ask({'restore': base64.b64encode(self._waiting).decode()})
@@ -175,18 +176,23 @@ def unit_of(name: str) -> str:
 
 
 def _plain(unit: str) -> str:
-    """A unit as it is spelled here; '' for none."""
-    text = unit.replace('.', ' ').replace('*', ' ').replace('Nm', 'N m').strip()
+    """A unit in one spelling, whatever its tool writes (N.m, Nm and N m; m/s2 and m/s^2); '' for none."""
+    text = unit.replace('.', ' ').replace('*', ' ').replace('Nm', 'N m').replace('^', '').strip()
     return '' if text in ('1', '-') else text
 
 
 class _Process:
-    """The process in which a unit runs. where: head of sentences."""
+    """The process in which a unit runs. where: head of sentences. folder: for what is unpacked; it goes with the
+    process, even where that crashed."""
 
     def __init__(self, where: str) -> None:
         self._where = where
+        self.folder = tempfile.TemporaryDirectory(prefix='mbd_controller_', ignore_cleanup_errors=True)
         command = [sys.executable, '-m', 'solver.inputs.fmu_process']
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+        # A session of its own: Ctrl-C is for the run, which ends the process, and no crash of the unit.
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True
+        )
 
     def ask(self, question: Mapping[str, Any]) -> dict[str, Any]:
         """The answer to a question, as JSON. Raises SpecError where there is none, or the unit refuses."""
@@ -220,3 +226,4 @@ class _Process:
             self._process.kill()
             self._process.wait()
         self._process.stdout.close()
+        self.folder.cleanup()

@@ -26,9 +26,12 @@ class Refused(Exception):
 
 
 class Unit:
-    """An archive that is open. said: messages of the unit, the last of which explain what it refuses."""
+    """An archive that is open, unpacked into `folder`. said: messages of the unit; the last one explains what it
+    refuses."""
 
-    def __init__(self, path: str, inputs: Sequence[str], outputs: Sequence[str], parameters: dict[str, float]) -> None:
+    def __init__(
+        self, path: str, folder: str, inputs: Sequence[str], outputs: Sequence[str], parameters: dict[str, float]
+    ) -> None:
         try:
             import fmpy
             from fmpy.simulation import instantiate_fmu
@@ -39,7 +42,7 @@ class Unit:
         self.said: list[str] = []
         try:
             description = fmpy.read_model_description(path)
-            self.folder = fmpy.extract(path)
+            self.folder = fmpy.extract(path, folder)
         except Exception as error:  # whatever a broken archive makes of it
             raise Refused(f'is no unit of FMI that can be read ({_line(error)})') from None
         self.variables = {v.name: v for v in description.modelVariables}
@@ -182,7 +185,7 @@ def main() -> None:
         asked = json.loads(line)
         try:
             if 'open' in asked:
-                unit = Unit(asked['open'], asked['inputs'], asked['outputs'], asked['parameters'])
+                unit = Unit(asked['open'], *(asked[key] for key in ('folder', 'inputs', 'outputs', 'parameters')))
                 answer: dict[str, Any] = {'values': unit.values(), 'units': unit.units()}
             else:
                 assert unit is not None

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
+import sys
+import time
 import zipfile
 from pathlib import Path
 
@@ -197,3 +201,46 @@ def test_a_unit_that_hangs_is_told(archive, monkeypatch):
     monkeypatch.setattr(controllers, 'PATIENCE', 0.0)
     with pytest.raises(MbdError, match='the unit hangs'):
         simulation_of(load_scene(SCENE, settings(archive()))).advance(1)
+
+
+@pytest.mark.parametrize(
+    ('there', 'here', 'same'),
+    [
+        ('N.m', 'N m', True),
+        ('m/s2', 'm/s^2', True),
+        ('Nm', 'N m', True),
+        ('1', '', True),
+        ('deg', 'rad', False),
+        ('m/s', 'm/s^2', False),
+        ('kN.m', 'N m', False),
+    ],
+)
+def test_units_are_the_same_however_a_tool_spells_them(there, here, same):
+    assert (controllers._plain(there) == controllers._plain(here)) == same
+
+
+@pytest.mark.slow
+def test_an_interrupt_is_for_the_run_and_no_crash_of_the_unit(archive, tmp_path):
+    """Ctrl-C reaches all processes of the terminal's group. Nothing unpacked stays behind."""
+    (tmp_path / 'unpacked').mkdir()
+    words = [
+        sys.executable,
+        '-m',
+        'mbd_sim_ros.commands.main',
+        'run',
+        SCENE,
+        '--no-error',
+        '--out',
+        str(tmp_path / 'bag'),
+    ]
+    words += ['--set', 'duration=1000', '--set', settings(archive())[0]]
+    environment = os.environ | {'TMPDIR': str(tmp_path / 'unpacked')}
+    run = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment)
+    deadline = time.monotonic() + 60.0
+    while not list(tmp_path.glob('bag/*')) or not list(tmp_path.glob('unpacked/mbd_controller_*/binaries')):
+        assert run.poll() is None and time.monotonic() < deadline
+        time.sleep(0.05)
+    os.killpg(run.pid, signal.SIGINT)
+    told = run.communicate(timeout=60)[1]
+    assert run.returncode == 130 and 'Traceback' not in told and 'crashed' not in told
+    assert not list(tmp_path.glob('unpacked/mbd_controller_*'))
