@@ -29,7 +29,8 @@ from solver.quantities import quantity
 from solver.scene import Scene
 from solver.simulation import Simulation
 
-# Simulations that step in lanes at least: all lanes take the time of about three single ones, whatever they hold.
+# Simulations that step in lanes, at least. All lanes take the time of about three single simulations, whatever they
+# hold; ten times as many would leave no group in lanes.
 FEWEST = 4
 # engine -> module and class of its group (solver.engine.lanes.Group), which nothing imports before it is asked for
 GROUPS: dict[type, tuple[str, str]] = {SingleTrack: ('solver.levels.track_lanes', 'TrackGroup')}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,21 +13,22 @@ from solver.compiled.lanes.number import Lane
 from solver.compiled.memory import zeros
 from solver.errors import SpecError
 
-BEYOND = 16  # numbers behind the last one that kernels may read (solver.model.saddle)
+# Numbers behind the last one that kernels may read (solver.model.saddle); ten times as many cost 9 KB a memory.
+BEYOND = 16
 
 
 class Mirror:
     """values: the NamedTuple of each simulation. value: the same with lanes, where arrays that are views of one memory
     are so again.
 
-    Arrays and numbers of float become those of lanes. Integers, and what is named in `common`, all simulations must
-    have in common, and the kernels see those of the first one. Lanes that are left over show the first simulation.
-    Raises SpecError, which names the field, where shapes or what must be common differ."""
+    Arrays and numbers of float become those of lanes. All simulations must have the same integers and shapes; kernels
+    see the integers of the first simulation. Lanes that are left over show the first simulation. Raises SpecError,
+    which names the field, where integers or shapes differ.
+    """
 
-    def __init__(self, values: Sequence[Any], common: Collection[str] = ()) -> None:
-        self._common = frozenset(common)
+    def __init__(self, values: Sequence[Any]) -> None:
         self._pairs: dict[str, tuple[LaneArray, list[np.ndarray]]] = {}
-        self._blocks = _blocks(_arrays(values[0], '', self._common))
+        self._blocks = _blocks(_arrays(values[0]))
         self.value = self._mirrored([*values, *[values[0]] * (LANES - len(values))], '')
 
     def _mirrored(self, values: list[Any], path: str) -> Any:
@@ -37,7 +38,7 @@ class Mirror:
                 *(self._mirrored([v[k] for v in values], f'{path}.{name}' if path else name)
                   for k, name in enumerate(first._fields))  # type: ignore[attr-defined]
             )  # fmt: skip
-        if path in self._common or not _is_float(first):
+        if not _is_float(first):
             if any(not _alike(first, other) for other in values[1:]):
                 raise SpecError(f'Ensemble: {path} differs between its simulations; make one Ensemble of those alike')
             return first
@@ -65,12 +66,6 @@ class Mirror:
         """(array of lanes, those of the simulations) of fields by their names, for solver.compiled.lanes.transfer."""
         return [self._pairs[path] for path in paths]
 
-    def refresh(self) -> None:
-        """Take all arrays over from the simulations again."""
-        for array, values in self._pairs.values():
-            for k, value in enumerate(values):
-                array.numbers[..., k] = value
-
 
 def _is_float(value: Any) -> bool:
     return value.dtype == float if isinstance(value, np.ndarray) else isinstance(value, float)
@@ -80,14 +75,11 @@ def _alike(a: Any, b: Any) -> bool:
     return np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b
 
 
-def _arrays(value: Any, path: str, common: frozenset[str]) -> list[np.ndarray]:
+def _arrays(value: Any) -> list[np.ndarray]:
     """The arrays of float that become lanes."""
     if isinstance(value, tuple):
-        names = value._fields  # type: ignore[attr-defined]
-        return [a for name, v in zip(names, value, strict=True)
-                for a in _arrays(v, f'{path}.{name}' if path else name, common)]  # fmt: skip
-    here = isinstance(value, np.ndarray) and value.dtype == float and value.size and path not in common
-    return [value] if here else []
+        return [array for one in value for array in _arrays(one)]
+    return [value] if isinstance(value, np.ndarray) and value.dtype == float and value.size else []
 
 
 def _blocks(arrays: list[np.ndarray]) -> list[tuple[int, int, np.ndarray]]:
