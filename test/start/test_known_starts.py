@@ -62,7 +62,8 @@ def test_a_scene_that_differs_in_its_maneuver_begins_where_another_one_did(forge
 
 @pytest.mark.parametrize('change', [
     'start.speed=21', 'vehicle.chassis.mass=1201', 'integrator.h=0.002', 'integrator.iterations=4', 'road.friction=0.8',
-    'maneuver.steering.initial=0.02', 'maneuver.drive_torque=10', 'start.kind=assemble',
+    'maneuver.steering.initial=0.02', 'maneuver.drive_torque=10', 'start.kind=assemble', 'integrator.penalty=1e5',
+    'integrator.rho_inf=0.5', 'integrator.mass_factor=0.5', 'road.normal=[0.01,0,1]', 'switches={drag: off}',
 ])  # fmt: skip
 def test_every_other_change_is_another_start(change: str, searches: list[str]) -> None:
     before, after = bits(scene()), bits(scene(change))
