@@ -1,5 +1,8 @@
 """Simulation: a scene in motion. Keeps time, inputs and totals; an engine keeps the state and steps it
-(solver.engine)."""
+(solver.engine).
+
+The file is long because whatever is asked of a running scene is asked of one class.
+"""
 
 from __future__ import annotations
 

@@ -17,6 +17,8 @@ lower bound. *Sensitive*: the distance of both runs grew by more than GROWN in t
 to become COARSE, LONG steps at least, and not at once. No power of time up to the sixth does that: it grows
 exponentially, and shorter steps only delay it. From when the error reaches its limit only statistics of the motion
 hold.
+
+The file is long because an error is measured, compared and judged by rules that share their bounds (DOUBTFUL, COARSE).
 """
 
 from __future__ import annotations
@@ -122,12 +124,9 @@ class ErrorBar:
         said |= {worst: self.errors[worst]}
         parts = ', '.join(f'{name.replace("_", " ")} {shown(name, error)}' for name, error in said.items())
         more = f'. {self.why}' if self.why else ''
-        open_ = (
-            'model itself is'
-            if 'orientation' not in self.errors or 'reactions' in self.errors
-            else 'model and reactions are'
-        )
-        return f'Numerical error ({self.twin}): {parts}; the {open_} not judged{more}'
+        without_reactions = 'orientation' in self.errors and 'reactions' not in self.errors  # of a mechanism
+        unjudged = 'model and reactions are' if without_reactions else 'model itself is'
+        return f'Numerical error ({self.twin}): {parts}; the {unjudged} not judged{more}'
 
     def report(self) -> dict[str, dict[str, Any]]:
         """By quantity, as objects for JSON."""

@@ -3,6 +3,8 @@
 A node is one of PyYAML's (mapping, sequence or scalar). No scalar is interpreted here: solver.files.schema does that by
 type. solver.files.overrides changes a tree. The size of a file is bounded (see Extent): a short text with aliases or
 includes can stand for more than any memory holds.
+
+The file is long because a tree is read, put together and written by functions that share its nodes and its bounds.
 """
 
 from __future__ import annotations

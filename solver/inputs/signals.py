@@ -4,6 +4,8 @@ A signal gives value, rate and acceleration, the latter two by the chain rule fr
 a prescribed motion needs all three and they must belong together. Signals are twice continuously differentiable unless
 their docstring says otherwise: corners are replaced by the quintic step s(x) = x^3 (10 - 15 x + 6 x^2) or by its
 integral.
+
+The file is long because all kinds of signals stand together, each with its derivatives.
 """
 
 from __future__ import annotations

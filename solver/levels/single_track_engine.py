@@ -1,4 +1,7 @@
-"""The engine of the level `single_track`."""
+"""The engine of the level `single_track`.
+
+The file is long because the engine, its tables and its start stand together; its steps are in track_step.py.
+"""
 
 from __future__ import annotations
 
