@@ -17,7 +17,7 @@ import numpy as np
 
 from mbd_sim_ros.fitting.planned import PLANS, planned
 from mbd_sim_ros.fitting.problem import Problem
-from mbd_sim_ros.fitting.unknowns import Unknown
+from mbd_sim_ros.fitting.unknowns import Unknown, with_unit
 from solver.errors import MbdError, SpecError
 
 TOGETHER = 0.95  # correlation from which two parameters cannot be told apart; 0.995 would let pass a tenfold interval
@@ -130,8 +130,9 @@ def require_told(told: Told, *, again: str = 'mbd fit FILE --preflight shows all
         share = f' ({100.0 * row.alone / abs(row.value):.3g} % of it)' if row.value else ''
         pairs = f', and cannot be told from {row.apart[0][0]}' if row.apart else ''
         help_ = f', or drive a {row.maneuvers[0]}' if row.maneuvers else ''
+        alone = with_unit(f'{row.alone:.3g}', row.unit)
         raise SpecError(
-            f'parameters: {row.name}: these recordings give it a standard error of {row.alone:.3g} {row.unit}{share}'
+            f'parameters: {row.name}: these recordings give it a standard error of {alone}{share}'
             f'{pairs}: give it a prior (sd: class){help_}; {again}'
         )
 

@@ -18,6 +18,7 @@ from mbd_sim_ros.fitting.estimation import Fitted, report
 from mbd_sim_ros.fitting.foresight import Told
 from mbd_sim_ros.fitting.sensors import KINDS
 from mbd_sim_ros.fitting.similar import read_back
+from mbd_sim_ros.fitting.unknowns import with_unit
 from solver.disk import plain, sources
 from solver.files.yaml_tree import node_of, text_of
 
@@ -61,7 +62,7 @@ def vehicle_text(fitted: Fitted) -> str:
     head = [
         f'# Fitted to recordings by mbd fit, from {base}; sources {sources()[:12]}.',
         *(
-            f'# {name} = {values[name]:.6g} {e.unit}, 95 % from {e.low:.4g} to {e.high:.4g}, '
+            f'# {name} = {with_unit(f"{values[name]:.6g}", e.unit)}, 95 % from {e.low:.4g} to {e.high:.4g}, '
             f'{"told by the recordings" if e.told else "by what was known before"}'
             for name, e in fitted.parameters.items()
         ),
@@ -146,7 +147,7 @@ def page(fitted: Fitted, rated: dict[str, dict[str, float | None]]) -> pages.Pag
         ('parameter', 'value', '95 % from', 'to', 'known before', 'told by the recordings', 'bootstrap over weights')
     ]
     parameters += [
-        (e.name, f'{e.value:.5g} {e.unit}', f'{e.low:.5g}', f'{e.high:.5g}', _known(problem, e.name),
+        (e.name, with_unit(f'{e.value:.5g}', e.unit), f'{e.low:.5g}', f'{e.high:.5g}', _known(problem, e.name),
          'yes' if e.told else 'no: known before', f'{e.bootstrap:.2f}')
         for e in fitted.parameters.values()
     ]  # fmt: skip
@@ -159,7 +160,7 @@ def page(fitted: Fitted, rated: dict[str, dict[str, float | None]]) -> pages.Pag
         for name, one in fitted.held_out.items()
     ]  # fmt: skip
     nuisances: list[tuple[str, ...]] = [('', 'value', '95 % from', 'to')]
-    nuisances += [(e.name, f'{e.value:.4g} {e.unit}', f'{e.low:.4g}', f'{e.high:.4g}') for e in others]
+    nuisances += [(e.name, with_unit(f'{e.value:.4g}', e.unit), f'{e.low:.4g}', f'{e.high:.4g}') for e in others]
     residuals: list[tuple[str, ...]] = [('signal', 'noise', 'discrepancy', 'its correlation time')]
     residuals += [
         (name, f'{n.noise:.3g} {_unit(fitted, name)}', f'{n.size:.3g}', f'{n.time:.3g} s')
@@ -261,7 +262,7 @@ def text(fitted: Fitted) -> list[str]:
     lines = ['parameter                         value      95 % interval              told']
     for name, e in fitted.parameters.items():
         lines.append(
-            f'{name:30s} {e.value:10.5g}  {e.low:10.5g} to {e.high:10.5g} {e.unit:8s} '
+            f'{name:30s} {e.value:10.5g}  {e.low:10.5g} to {e.high:10.5g} {with_unit("", e.unit):9s} '
             f'{"yes" if e.told else "no: known before"}'
         )
     lines += [
@@ -279,7 +280,7 @@ def told_text(told: Told) -> list[str]:
         share = f' ({100.0 * row.alone / abs(row.value):.2g} %)' if row.value else ''
         before = f', known before to {row.before:.3g}' if math.isfinite(row.before) else ', nothing known before'
         line = f'{row.name}: {"told" if row.told else "NOT told"}: '
-        line += f'standard error {row.alone:.3g} {row.unit}{share}{before}'
+        line += f'standard error {with_unit(f"{row.alone:.3g}", row.unit)}{share}{before}'
         if row.apart:
             line += '; cannot be told from ' + ', '.join(name for name, _ in row.apart[:3])
         if row.maneuvers:

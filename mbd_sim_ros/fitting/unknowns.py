@@ -152,3 +152,8 @@ def grown(unit: str, car: Car) -> float:
     if unit == 'rad/s':
         return 1.0 / car.size.time
     return car.size.speed if unit == 'm/s' else 1.0
+
+
+def with_unit(number: str, unit: str) -> str:
+    """A number for people: 1 is no unit."""
+    return number if unit in ('', '1') else f'{number} {unit}'
