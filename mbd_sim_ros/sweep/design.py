@@ -218,24 +218,29 @@ def _tabled(sweep: Sweep, directories: Sequence[Path]) -> Sweep:
     """The sweep with the parameters of its table. Raises SceneError."""
     name = sweep.design.file
     place = find(name, directories) or Path(name)
-    lines = [line for line in read_text(place).splitlines() if line.strip()]
+    lines = [(k, line) for k, line in enumerate(read_text(place).splitlines(), 1) if line.strip()]
     if sweep.parameters:
         raise SceneError(f'sweep: parameters: those of {name} are in its header; remove them, or the table')
     if len(lines) < 2:
         raise SceneError(f'{place}: a table of samples needs a header of keys, and rows')
-    names = [name.strip() for name in lines[0].split(',')]
+    head = lines[0][0]
+    names = [name.strip() for name in lines[0][1].split(',')]
+    if '' in names:
+        raise SceneError(f'{place}:{head}: column {names.index("") + 1} of the header has no key')
     rows = []
-    for k, line in enumerate(lines[1:], 2):
+    for k, line in lines[1:]:
         cells = line.split(',')
         try:
             row = [float(cell) for cell in cells]
         except ValueError:
-            raise SceneError(f'{place}:{k}: {line.strip()[:60]!r}: every cell must be a number') from None
+            row = [math.nan]
+        if not all(map(math.isfinite, row)):
+            raise SceneError(f'{place}:{k}: {line.strip()[:60]!r}: every cell must be a finite number')
         if len(row) != len(names):
             raise SceneError(f'{place}:{k}: {len(row)} cells, but the header has {len(names)}')
         rows.append(row)
     if len(set(names)) < len(names):
-        raise SceneError(f'{place}:1: a key stands twice in the header')
+        raise SceneError(f'{place}:{head}: a key stands twice in the header')
     columns = zip(*rows, strict=True)
     return replace(sweep, parameters={n: Parameter(values=tuple(c)) for n, c in zip(names, columns, strict=True)})
 

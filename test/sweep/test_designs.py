@@ -10,7 +10,7 @@ import pytest
 
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.sweep.case import overrides_of
-from mbd_sim_ros.sweep.design import Design, Parameter, Sweep, SweepFigure, cases
+from mbd_sim_ros.sweep.design import Design, Parameter, Sweep, SweepFigure, cases, load_sweep
 from mbd_sim_ros.sweep.table import known_to, no_indices, sensitivities
 from solver.errors import SceneError, SpecError
 
@@ -157,3 +157,34 @@ def test_what_would_have_no_effect_is_refused(given: list[str], parameters: tupl
     one = {name: Parameter(values=(1.0,)) for name in parameters}
     with pytest.raises(SpecError, match=told):
         Sweep(scene='x', set=tuple(given), parameters=one, figures={'f': SweepFigure(quantity='yaw_rate')})
+
+
+def tabled(directory: Path, table: str) -> Sweep:
+    (directory / 'table.csv').write_text(table)
+    file = directory / 'sweep.yaml'
+    file.write_text(
+        'scene: car_step_steer\ndesign: {kind: samples, file: table.csv}\nfigures: {r: {quantity: yaw_rate}}\n'
+    )
+    return load_sweep(file)
+
+
+def test_the_rows_of_a_table_are_the_cases(tmp_path: Path) -> None:
+    sweep = tabled(tmp_path, 'integrator.h, duration\n0.001,2\n\n0.002,1\n')
+    assert sweep.fewest == 2
+    assert cases(sweep) == [{'integrator.h': 0.001, 'duration': 2.0}, {'integrator.h': 0.002, 'duration': 1.0}]
+
+
+@pytest.mark.parametrize(
+    ('table', 'told'),
+    [
+        ('integrator.h\n', 'table.csv: a table of samples needs a header of keys, and rows'),
+        ('integrator.h\n\n0.001\nx\n', "table.csv:4: 'x': every cell must be a finite number"),
+        ('integrator.h,duration\n0.001,1\n\n0.001\n', 'table.csv:4: 1 cells, but the header has 2'),
+        ('\nduration,duration\n1,1\n', 'table.csv:2: a key stands twice in the header'),
+        ('integrator.h,\n0.001,1\n', 'table.csv:1: column 2 of the header has no key'),
+        ('integrator.h\nnan\n', "table.csv:2: 'nan': every cell must be a finite number"),
+    ],
+)
+def test_a_table_that_cannot_be_is_refused_where_it_is_wrong(tmp_path: Path, table: str, told: str) -> None:
+    with pytest.raises(SceneError, match=re.escape(told)):
+        tabled(tmp_path, table)
