@@ -187,10 +187,11 @@ def _cloud(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _envelope(m: Moments, charts: list[Chart]) -> list[Figure]:
     """Figures of the g-g diagram; its picture is put into charts."""
     g = envelope.envelope(m)
-    texts = {'left': 'to the left', 'right': 'to the right', 'drive': 'driving', 'brake': 'braking'}
+    sides = {'left': 'to the left', 'right': 'to the right', 'drive': 'driving', 'brake': 'braking'}
+    texts = {side: f'acceleration {text}, exceeded for 1 % of the time' for side, text in sides.items()}
     if g is None:
         nothing = not_told('the recording has neither lateral acceleration nor yaw rate')
-        return [_figure(f'used_{k}', f'acceleration {t}, exceeded for 1 %', nothing, 'm/s^2') for k, t in texts.items()]
+        return [_figure(f'used_{k}', t, nothing, 'm/s^2') for k, t in texts.items()]
     curves = (
         Curve('drive', *_cloud(g.ay, g.ax), 'cloud'),
         Curve('99 % by direction', g.edge[:, 1], g.edge[:, 0], 'reference'),
@@ -199,12 +200,10 @@ def _envelope(m: Moments, charts: list[Chart]) -> list[Figure]:
         title='g-g diagram', x=('lateral acceleration, left positive', 'm/s^2'),
         y=('longitudinal acceleration', 'm/s^2'), curves=curves,
     ))  # fmt: skip
-    return [
-        _figure(f'used_{k}', f'acceleration {t}, exceeded for 1 % of the time', g.figures[k], 'm/s^2')
-        for k, t in texts.items()
-    ]
+    return [_figure(f'used_{k}', t, g.figures[k], 'm/s^2') for k, t in texts.items()]
 
 
+STYLES = ('run', 'reference', 'third')  # of the curves of each band of speeds
 OUTPUTS = {'yaw_rate': ('yaw rate', '1/s'), 'lateral_acceleration': ('lateral acceleration', 'm/s^2/rad')}
 
 
@@ -234,26 +233,25 @@ def _responses(m: Moments, p: OrdinaryDrive, wrong: str, charts: list[Chart]) ->
                     figures.append(_figure(name.format('phase'), f'{text}, phase {at}', one.phase, 'rad'))
     for output in found[0].outputs:
         text, unit = OUTPUTS[output]
-        for what, axis in (('gain', (f'{text} per steering angle', unit)), ('phase', ('phase', 'rad'))):
+        for what, axis in (('gain', ('gain', unit)), ('phase', ('phase', 'rad'))):
             curves = []
-            for band, style in zip(found, ('run', 'reference', 'third')):
-                told = [one for one in band.outputs[output] if getattr(one, what).told]
-                if not told:
-                    continue
-                f = np.array([one.frequency for one in told])
-                values = [getattr(one, what) for one in told]
-                curves.append(Curve(f'{band.speed:.3g} m/s', f, np.array([v.value for v in values]), style))
-                curves += [
-                    Curve('', f, np.array([getattr(v, bound) for v in values]), 'other') for bound in ('low', 'high')
-                ]
+            for band, style in zip(found, STYLES):
+                of_each = [(r.frequency, r.gain if what == 'gain' else r.phase) for r in band.outputs[output]]
+                told = np.array([(f, one.value, one.low, one.high) for f, one in of_each if one.told])
+                if told.size:
+                    f, value, low, high = told.T
+                    curves.append(Curve(f'{band.speed:.3g} m/s', f, value, style))
+                    curves += [Curve('', f, bound, 'other') for bound in (low, high)]
             if curves:
-                charts.append(Chart(title=f'{text}, {what}', x=('frequency', 'Hz'), y=axis, curves=tuple(curves)))
+                title = f'{text} per steering angle, {what}'
+                charts.append(Chart(title=title, x=('frequency', 'Hz'), y=axis, curves=tuple(curves)))
         coherences = []
-        for band, style in zip(found, ('run', 'reference', 'third')):
+        for band, style in zip(found, STYLES):
             f, of = np.array([(one.frequency, one.coherence) for one in band.outputs[output]]).T
             coherences.append(Curve(f'{band.speed:.3g} m/s', f, of, style))
         charts.append(Chart(
-            title=f'{text}, coherence', x=('frequency', 'Hz'), y=('coherence', '1'), curves=tuple(coherences),
+            title=f'{text} per steering angle, coherence', x=('frequency', 'Hz'), y=('coherence', '1'),
+            curves=tuple(coherences),
         ))  # fmt: skip
     return figures
 

@@ -141,7 +141,7 @@ def _responses(x: np.ndarray, y: np.ndarray, starts: np.ndarray, n: int, rate: f
             without = (Sxy.sum() - Sxy) / (Sxx.sum() - Sxx)
         gain = estimate(float(abs(H)), np.abs(without), Sxx)
         if gain.told and not gain.half < WIDE * gain.value:
-            gain = not_told(f'its interval is too wide, {gain.low:.3g} to {gain.high:.3g}')
+            gain = not_told(f'half of its interval is {100.0 * gain.half / gain.value:.3g} % of it, too much')
         turn = np.angle(without / H)
         phase = estimate(0.0, turn, Sxx)
         angle = float(np.angle(H))

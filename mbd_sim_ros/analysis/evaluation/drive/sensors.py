@@ -22,7 +22,7 @@ import numpy as np
 
 from mbd_sim_ros.analysis.evaluation.drive.blocks import Estimate, Regression, not_told, stretches
 from mbd_sim_ros.analysis.evaluation.drive.handling import CALM, VARIES, steering_of
-from mbd_sim_ros.analysis.evaluation.drive.moments import SMOOTH, Moments, held
+from mbd_sim_ros.analysis.evaluation.drive.moments import ORDINARY, SMOOTH, Moments, held
 from mbd_sim_ros.analysis.evaluation.measures import low_passed
 from mbd_sim_ros.analysis.evaluation.signals import WHEELS
 from solver.units import STANDARD_GRAVITY
@@ -230,7 +230,7 @@ def _lateral(m: Moments) -> Relation:
     used = m.among('lateral_acceleration', 'yaw_rate', 'speed')
     usual, fast = (float(np.quantile(v[used], part)) if used.any() else 1.0 for part in (0.5, 0.9))
     signals = name, text, ('lateral_acceleration',), ('yaw_rate', 'speed'), turning, a, 'm/s^2'
-    scale = m.wheelbase / 2.7 if m.wheelbase > 0.0 else 1.0
+    scale = m.wheelbase / ORDINARY if m.wheelbase > 0.0 else 1.0
     bounds = -LEVER * scale / max(usual, 1e-9) - SHIFT, fast / (STANDARD_GRAVITY * GRIP) + SHIFT
     found = _relation(m, *signals, bounds=bounds, clears=('sign', 'unit', 'drift'))
     if found.fault is not None or not (used.any() and float(np.std(v[used])) > VARIES * usual):
@@ -334,7 +334,7 @@ def findings(m: Moments, found: Sequence[Relation]) -> tuple[list[str], dict[str
                 unit = _unit(one, named[0]) if kind == 'unit' and len(named) == 1 else ''
                 if unit:
                     together[named][-1] += f', as of {unit}'
-                guilty |= {c: f'{sentence.format(_either(named))}' for c in named}
+                guilty |= {c: sentence.format(_either(named)) for c in named}
         said += [
             f'{sentence.format(_either(named, kind))} ({"; ".join(details)})' for named, details in together.items()
         ]
