@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from solver.engine.stepping import Stepping
-from solver.errors import SpecError, StepError
+from solver.errors import SpecError, StepError, suggestion
 from solver.levels import simulation_of
 from solver.levels.single_track_engine import SingleTrack
 from solver.output.snapshot import Channels, Snapshot
@@ -47,6 +47,8 @@ class Ensemble:
     """
 
     def __init__(self, scenes: Sequence[Scene | Simulation]) -> None:
+        if not isinstance(scenes, Sequence) or not all(isinstance(one, Scene | Simulation) for one in scenes):
+            raise SpecError('Ensemble: give a list of scenes (load_scene) or of simulations')
         if not scenes:
             raise SpecError('Ensemble: there is no scene; give one at least')
         self.simulations = _made(scenes)
@@ -96,7 +98,9 @@ class Ensemble:
         SI units and the order of channels.inputs. None samples the maneuver of each. Simulations with a driver or an
         assistance that look at every step go one after the other. audit: see Simulation.advance(). What fails is noted
         in `failures`, and goes on after reset() or restore() of its simulation and a failure set to ''. Raises
-        SpecError for inputs of another shape."""
+        SpecError for inputs of another shape, and for a number of steps that is none."""
+        if not isinstance(n, int | np.integer) or n < 0:
+            raise SpecError(f'Ensemble: n = {n!r}: steps are a whole number, 0 at least')
         rows = self._rows(n, inputs)
         waiting = {k for k, failure in enumerate(self.failures) if not failure}
         size = max((len(members) for _, members in self._groups), default=0)
@@ -149,13 +153,21 @@ class Ensemble:
         return [_writeable(given[k] if given.ndim == 3 else given) for k in range(count)]
 
     def reset(self, which: Iterable[int] | None = None) -> None:
-        """Back to the start: all, or those with these indices. They may have failed."""
-        for k in range(len(self)) if which is None else which:
+        """Back to the start: all, or those with these indices. They may have failed. Raises SpecError for an index that
+        no simulation has, before any goes back."""
+        indices = range(len(self)) if which is None else [*which]
+        if bad := [k for k in indices if not -len(self) <= k < len(self)]:
+            raise SpecError(f'Ensemble: there is no simulation {bad[0]}; the last one is {len(self) - 1}')
+        for k in indices:
             self.simulations[k].reset()
             self.failures[k] = ''
 
     def field(self, name: str) -> np.ndarray:
-        """(N, ...) a field of all Snapshots, by its name there: pose, twist, joint_position, tire, imu, elements ..."""
+        """(N, ...) a field of all Snapshots, by its name there: pose, twist, joint_position, tire, imu, elements ...
+        Raises SpecError for an unknown one."""
+        known = {*Snapshot._fields[:2], *self.simulations[0].snapshot().layout}  # k, t_ns and all arrays
+        if name not in known:
+            raise SpecError(f'Ensemble: field {name!r}: no such field{suggestion(name, known)}')
         return np.stack([getattr(simulation.snapshot(), name) for simulation in self.simulations])
 
     def quantity(self, name: str) -> np.ndarray:

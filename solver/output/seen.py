@@ -9,10 +9,12 @@ class Seen:
     """Table of the numbers of Snapshots, at steps of the grid that `every` divides; a call of advance() fills it anew.
 
     most: rows that there is room for; a call makes no more steps than that takes. size: numbers in a row. What is to be
-    kept beyond the next call has to be copied.
+    kept beyond the next call has to be copied. Raises ValueError for `every` below 1.
     """
 
     def __init__(self, every: int, most: int, size: int) -> None:
+        if every < 1:
+            raise ValueError(f'seen: every = {every}: must be 1 at least')
         self.every, self.most = every, most
         self._rows, self._steps = np.zeros((most, size)), np.zeros(most, np.int64)
         self._count = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -236,6 +237,23 @@ def test_the_same_simulation_twice_is_refused() -> None:
     one = simulation()
     with pytest.raises(SpecError, match='twice'):
         Ensemble([one, one])
+
+
+def test_what_is_asked_wrongly_is_refused_in_one_sentence_and_changes_nothing() -> None:
+    ensemble = Ensemble([simulation() for _ in range(2)])
+    ensemble.advance(3)
+    half, name, scene = cast(tuple[Any, ...], (2.5, 'car', ensemble.simulations[0].scene))
+    for wrong, sentence in (
+        (lambda: ensemble.advance(-1), r'n = -1: steps are a whole number, 0 at least'),
+        (lambda: ensemble.advance(half), r'n = 2\.5: steps are a whole number'),
+        (lambda: ensemble.reset([0, 2]), r'there is no simulation 2; the last one is 1'),
+        (lambda: ensemble.field('poses'), r"field 'poses': no such field; did you mean 'pose'\?"),
+        (lambda: Ensemble([ensemble.simulations[0], name]), r'give a list of scenes'),
+        (lambda: Ensemble(scene), r'give a list of scenes'),
+    ):
+        with pytest.raises(SpecError, match=sentence):
+            wrong()
+    assert ensemble.field('k').tolist() == [3, 3]
 
 
 def test_bodies_step_one_after_the_other() -> None:

@@ -77,3 +77,5 @@ def test_a_table_that_is_too_small_is_refused_before_a_step() -> None:
         simulation.advance(9, seen=simulation.seen(3, 2))
     assert simulation.k == 0
     simulation.advance(8, seen=simulation.seen(3, 2))
+    with pytest.raises(ValueError, match='seen: every = 0: must be 1 at least'):
+        simulation.seen(0, 2)
