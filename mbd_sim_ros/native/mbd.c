@@ -121,7 +121,10 @@ static int lies_within(int64_t at, int64_t count, int64_t size, int64_t end) {
     return at >= 0 && count >= 0 && at % 8 == 0 && at <= end && count <= (end - at) / size;
 }
 
-/* Whether every place that the content names lies within it, so that nothing is read or written beside it. */
+/* Whether every place that the header and the lists of the content name lies within it, so that loading reads and writes
+ * nothing beside it. What stands in the tables and in a state (indices, numbers of entries) is not looked at: where the
+ * digest fits, it is what `mbd build` or mbd_save() wrote. The digest is no signature: whoever writes a file can write
+ * one that fits. */
 static int consistent(const char *content, int64_t size) {
     const int64_t *f = (const int64_t *)(content + MAGIC + DIGEST);
     const int64_t end = size, written = f[WRITTEN_SIZE], tables = f[CONSTANT_SIZE];
@@ -601,7 +604,7 @@ int mbd_restore(mbd_model *m, const void *buffer, size_t size) {
 
 /* -- verdict ------------------------------------------------------------------------------------------------------- */
 
-/* What the checks need, in the order of CHECKED in model.py: limits (a limit that is not a number is computed here), and
+/* What the checks need, in the order of _judged() in model.py: limits (a limit that is not a number is computed here), and
  * places of the account. */
 struct judged {
     double residual, unsettled, position, velocity, energy, contradiction, stagnation, length, slow, resting_speed, resting,

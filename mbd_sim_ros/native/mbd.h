@@ -3,6 +3,8 @@
  * A model is made from a file that `mbd build SCENE` wrote (SCENE.mbd) and stepped by the library that lies beside it
  * (libmbd.so). It gives the same bits as `mbd run SCENE`. All numbers are in SI units.
  *
+ * Trust: a digest tells damage, not intent. Take models and states from whom you would take a program.
+ *
  * Threads: a model is used by one thread at a time; different models know nothing of each other. The library has no
  * global state. mbd_step() allocates nothing, takes no lock and calls the system for nothing.
  *
