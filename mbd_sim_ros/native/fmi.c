@@ -167,8 +167,15 @@ static status set(unit *u, const unsigned *references, size_t n, const double *v
 
 /* -- time ---------------------------------------------------------------------------------------------------------- */
 
+/* Seconds from 0 on that a time may have: 64 bits hold their nanoseconds, and not those of ten times as many. */
+static const double FARTHEST = 9e9;
+
+/* Whether a time that is `off` nanoseconds beside the grid of steps h counts as on it. Times of importers are sums of
+ * rounded steps: 1 ns and a millionth of a step pass. Ten times as much would take 0.99999 ms for a step of 1 ms. */
+static bool on_grid(int64_t off, int64_t h) { return llabs(off) <= 1 + h / 1000000; }
+
 static status begin_at(unit *u, double start) {
-    if (!isfinite(start) || fabs(start) > 9e9) return say(u, FMI_ERROR, "the start time is not a time");
+    if (!isfinite(start) || fabs(start) > FARTHEST) return say(u, FMI_ERROR, "the start time is not a time");
     u->model->run->start = llround(start * 1e9);
     return FMI_OK;
 }
@@ -178,14 +185,14 @@ static status step_by(unit *u, double now, double step) {
     mbd_model *m = u->model;
     char sentence[300];
     int64_t h = mbd_h_ns(m), at = m->run->k * h + m->run->start;
-    if (!isfinite(now) || !isfinite(step) || fabs(now) > 9e9 || fabs(step) > 9e9 || step < 0.0)
+    if (!isfinite(now) || !isfinite(step) || fabs(now) > FARTHEST || fabs(step) > FARTHEST || step < 0.0)
         return say(u, FMI_ERROR, "time and step of a communication must be finite, and no step is negative");
-    if (llabs(llround(now * 1e9) - at) > 1 + h / 1000000) {
+    if (!on_grid(llround(now * 1e9) - at, h)) {
         snprintf(sentence, sizeof sentence, "the communication begins at %.9g s, and the unit is at %.9g s", now, 1e-9 * (double)at);
         return say(u, FMI_ERROR, sentence);
     }
     int64_t length = llround((now + step) * 1e9) - at, n = (length + h / 2) / h;
-    if (llabs(length - n * h) > 1 + h / 1000000) {
+    if (!on_grid(length - n * h, h)) {
         snprintf(sentence, sizeof sentence,
                  "a communication step of %.9g ms is no multiple of the step of the model, %.9g ms: take %.9g or %.9g ms, or "
                  "write the unit with --set integrator.h=...; nothing was done",

@@ -13,9 +13,9 @@ from xml.sax.saxutils import quoteattr
 from mbd_sim_ros.native import library
 from mbd_sim_ros.native.channels import ACCOUNT_UNITS, Channel
 from mbd_sim_ros.native.kernels import Target
-from mbd_sim_ros.native.model import BANDWIDTH, COUNTERS, LARGEST, MAGIC, RATE_LIMIT, native
+from mbd_sim_ros.native.model import COUNTERS, LARGEST, MAGIC, native
 from solver.disk import atomic_write
-from solver.inputs.command_filter import COMMANDS
+from solver.inputs.command_filter import BANDWIDTH, COMMANDS, RATE_LIMIT
 from solver.inputs.maneuver import is_motion_part
 from solver.simulation import Simulation
 

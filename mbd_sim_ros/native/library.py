@@ -21,11 +21,15 @@ FLAGS = ('-std=c11', '-O2', '-fPIC', '-ffp-contract=off', '-fvisibility=hidden',
 
 
 def compiler() -> str:
-    """The C compiler of the system: CC, or cc, gcc, clang. Raises MbdError where there is none."""
-    for name in filter(None, (os.environ.get('CC'), 'cc', 'gcc', 'clang')):
+    """The C compiler of the system: that of CC, where it is set, or cc, gcc, clang. Raises MbdError where there is
+    none."""
+    named = os.environ.get('CC')
+    for name in (named,) if named else ('cc', 'gcc', 'clang'):
         found = shutil.which(name)
         if found:
             return found
+    if named:
+        raise MbdError(f'CC = {named!r}: no such program: name a C compiler, without options, or leave CC unset')
     raise MbdError('no C compiler was found (cc, gcc, clang): install one (apt-get install gcc), or name it with CC')
 
 

@@ -23,6 +23,7 @@ from solver.compiled.kernel import address_of
 from solver.compiled.portable import norm
 from solver.engine.stepping import Stepping
 from solver.errors import SpecError
+from solver.inputs.command_filter import BANDWIDTH, RATE_LIMIT
 from solver.inputs.maneuver import ACCELERATION, RATE, is_motion
 from solver.model.scale import RESTING, STEPS
 from solver.output.energy import ROUNDING, WRITTEN
@@ -55,7 +56,6 @@ CHECKED = (
     'not_finite', 'energy_error_max', 'residual_max', 'unsettled', 'position_drift_max', 'velocity_drift_max',
     'contradiction', 'unseen',
 )  # fmt: skip
-BANDWIDTH, RATE_LIMIT = 5.0, 20.0  # of the filter of steering commands [Hz, rad/s]: those of CommandSource
 # Steps behind the end of a scene at which its maneuver must give the last row again to count as settled.
 FAR = (1, 2, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
 
@@ -166,8 +166,9 @@ def require_native(simulation: Simulation, *, applied: bool = False) -> None:
     """Refuse, by name, a simulation of which a part lives in Python. Raises SpecError."""
     scene = simulation.scene
     if not isinstance(simulation.engine, Stepping):
-        what = f'integrator.kind = {scene.integrator.kind!r}' if simulation.of_bodies else "fidelity = 'single_track'"
-        raise SpecError(f'{what}: has no native form: take integrator.kind: alf and another level of detail')
+        kind = f'integrator.kind = {scene.integrator.kind!r}: has no native form: take alf'
+        level = "fidelity = 'single_track': has no native form: take another level of detail"
+        raise SpecError(kind if simulation.of_bodies else level)
     sources = simulation.sources
     for part, key, name in (
         (sources.driver, 'maneuver', 'a driver, who sees the motion'),

@@ -41,7 +41,13 @@ int main(int argc, char **argv) {
     if (steps < 1) return stopped(argv[2], "give a number of seconds above 0");
 
     /* Variables are found once, by the names of their columns in recordings. */
-    int wheel = mbd_find(car, "steering"), speed = mbd_find(car, "odom/twist/vx"), yaw = mbd_find(car, "odom/twist/wz");
+    int wheel = mbd_find(car, "steering");
+    int speed = mbd_find(car, "odom/twist/vx"), yaw = mbd_find(car, "odom/twist/wz");
+    char *end = NULL;
+    double angle = argc > 3 ? strtod(argv[3], &end) * 3.14159265358979 / 180.0 : 0.0;
+    if (argc > 3 && (end == argv[3] || *end != 0)) return stopped(argv[3], "give a number of degrees");
+    if (argc > 3 && wheel < 0) return stopped(argv[1], "the model has no input \"steering\": leave out the degrees");
+
     double *late = calloc((size_t)steps, sizeof *late), *busy = calloc((size_t)steps, sizeof *busy);
     if (late == NULL || busy == NULL) return stopped("memory", "there is none left");
 
@@ -57,18 +63,17 @@ int main(int argc, char **argv) {
 
         clock_gettime(CLOCK_MONOTONIC, &now);
         late[k] = seconds(now) - seconds(due);
-        if (argc > 3 && at >= 1.0) mbd_set(car, wheel, atof(argv[3]) * 3.14159265358979 / 180.0);
-        code = mbd_step(car, 1);
+        code = argc > 3 && at >= 1.0 ? mbd_set(car, wheel, angle) : MBD_OK;
+        if (code == MBD_OK) code = mbd_step(car, 1);
         if (code != MBD_OK) return stopped("step", mbd_message(car));
         clock_gettime(CLOCK_MONOTONIC, &due);
         busy[k] = seconds(due) - seconds(now);
     }
 
     double vx = 0.0, wz = 0.0;
-    mbd_get(car, speed, &vx);
-    mbd_get(car, yaw, &wz);
-    printf("%s: %ld steps of %g ms; at t = %g s %.3f m/s, yaw rate %.4f rad/s\n", mbd_scene(car), steps, 1e3 * h, mbd_time(car),
-           vx, wz);
+    printf("%s: %ld steps of %g ms; at t = %g s", mbd_scene(car), steps, 1e3 * h, mbd_time(car));
+    if (mbd_get(car, speed, &vx) == MBD_OK && mbd_get(car, yaw, &wz) == MBD_OK) printf(" %.3f m/s, yaw rate %.4f rad/s", vx, wz);
+    printf("\n");
     qsort(late, (size_t)steps, sizeof *late, by_size);
     qsort(busy, (size_t)steps, sizeof *busy, by_size);
     printf("late [us]: median %.0f, 99 %% %.0f, most %.0f\n", 1e6 * late[steps / 2], 1e6 * late[steps * 99 / 100],

@@ -13,6 +13,9 @@ from solver.errors import SpecError
 from solver.inputs.recorded import ACCELERATION, RATE
 
 COMMANDS = ('steering', 'drive_torque', 'brake_torque')
+# Of the filter of steering commands, where nobody says others.
+BANDWIDTH = 5.0  # Hz; a filter ten times as fast passes the steps of a command on as jerks of the wheel
+RATE_LIMIT = 20.0  # rad/s of the steering wheel, more than hands reach; ten times as much limits nothing
 # by Actuation.steering, what is commanded
 STEERING = {'angle': 'steering', 'torque': 'steering_torque', 'road_wheel': 'road_wheel'}
 # of an engine with a gearbox: pedals (0 to 1), gear or lever, of a converter
@@ -92,8 +95,8 @@ class CommandSource:
         input_names: Sequence[str],
         h_ns: int,
         *,
-        bandwidth: float = 5.0,
-        rate_limit: float = 20.0,
+        bandwidth: float = BANDWIDTH,
+        rate_limit: float = RATE_LIMIT,
         steering: float = 0.0,
         commands: Sequence[str] = COMMANDS,
         mapped: Callable[[float], float] | None = None,

@@ -218,6 +218,12 @@ def test_without_a_c_compiler_there_is_one_sentence(monkeypatch):
         library.compiler()
 
 
+def test_a_c_compiler_that_is_named_and_not_there_is_told(monkeypatch):
+    monkeypatch.setenv('CC', 'no-such-compiler')
+    with pytest.raises(MbdError, match="CC = 'no-such-compiler': no such program"):
+        library.compiler()
+
+
 @pytest.mark.slow
 def test_the_command_writes_what_the_example_needs(built, tmp_path, capsys):
     """The example drives the full car as fast as the clock asks, and says how late it was."""
