@@ -19,7 +19,7 @@ STEP = 0.1  # s between two points of the steering; ten times as much holds no f
 SLEW = 0.8  # m/s^2, change of the speed; ten times as much is full braking
 BEND = (3.0, 9.0)  # s, shortest and longest bend; ten times as long is a circle
 LEVEL = (8.0, 25.0)  # s at about one speed; ten times as long is a drive at one speed
-STRAIGHT = 0.3  # part of the bends that are straights
+STRAIGHT = 0.3  # part of the bends that are straights; 1 is a drive without a bend
 
 
 @dataclass(frozen=True, kw_only=True)

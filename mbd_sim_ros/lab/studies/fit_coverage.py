@@ -29,15 +29,15 @@ from solver.vehicle.size import Size
 
 SUMMARY = 'how often the intervals of mbd fit contain the truth'
 DRAWS = True
-N = 200
+N = 200  # drives: they tell a share of 0.95 to 0.015; ten times as many take hours
 H = 0.01  # s: ten steps a sample
-SECONDS = 60.0
+SECONDS = 60.0  # s of each of the recordings of a drive; ten times as long narrows intervals to a third
 SOUGHT = ('yaw_inertia', 'stiffness_front', 'stiffness_rear', 'friction_front', 'friction_rear')
 WRONG = 'mass'  # the constant of which the file says another number than the truth has
-WRONG_BY = 0.03  # sd of that
+WRONG_BY = 0.03  # sd of that, relative; ten times as much is another car
 LACK = {'yaw_rate': 0.006, 'lateral_acceleration': 0.15}  # RMS of the disturbance [rad/s], [m/s^2]
-LACK_TIME = 0.6  # s, its correlation time
-RATIO = 1.0 / 16.0  # of the steering
+LACK_TIME = 0.6  # s, its correlation time; ten times as much is nearly an offset of a window
+RATIO = 1.0 / 16.0  # angle of the road wheels over that of the steering wheel
 SWING = 0.55  # of the steering of usual courses: lateral accelerations up to 6 m/s^2; with ten times as much it spins
 
 

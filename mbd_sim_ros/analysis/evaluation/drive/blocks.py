@@ -95,8 +95,7 @@ class Regression:
     """Least squares with the estimates without each stretch.
 
     X: (m, p) columns. y: (m,). stretch: (m,) number of the stretch of each sample, as of stretches(). dependent: True
-    where the columns depend on each other. names of columns are those of the caller. spread: standard deviation of the
-    residuals.
+    where the columns depend on each other. theta: (p,) coefficients, NaN then.
     """
 
     def __init__(self, X: np.ndarray, y: np.ndarray, stretch: np.ndarray) -> None:
@@ -110,11 +109,8 @@ class Regression:
         whole = self.A.sum(axis=0)
         self.dependent = X.shape[0] < 2 * X.shape[1] or not np.linalg.cond(whole) < DEPENDENT
         self.theta = np.full(X.shape[1], math.nan)
-        self.spread = math.nan
         if not self.dependent:
-            found = np.linalg.solve(whole, self.b.sum(axis=0))
-            self.theta = found / self.scale
-            self.spread = float(np.std(y - Z @ found))
+            self.theta = np.linalg.solve(whole, self.b.sum(axis=0)) / self.scale
 
     def estimate(self, of: Callable[[np.ndarray], float]) -> Estimate:
         """The figure of(coefficients) with its interval."""
