@@ -11,7 +11,7 @@ import pytest
 
 from mbd_sim_ros.node.demand_messages import ackermann, control, gear, twist
 from mbd_sim_ros.node.speed_control import DRIVE, NEUTRAL, PARK, REVERSE, Car, Demand, Loop
-from solver.files.scene import load_scene
+from solver.files.scene import load_scene, load_scene_text
 from solver.inputs.driver import SpeedControl
 
 MASS, RADIUS = 1400.0, 0.3
@@ -155,3 +155,11 @@ def test_a_car_is_known_by_its_scene():
     )
     assert by_map.road_wheel(100.0) == pytest.approx(by_map.steering.points[-1][0])  # no further than the map goes
     assert car.inertia == pytest.approx(sum(b.mass for b in scene.model.bodies) * 0.3, rel=0.05)
+
+
+def test_motors_of_several_wheels_push_the_car_together():
+    """Of a commanded torque each front motor of the car gives 0.2 and each rear one 0.3: together all of it."""
+    text = 'vehicle: vehicles/electric_4wd.yaml\nstart: {kind: equilibrium}\nduration: 1\n'
+    scene = load_scene_text(text, 'electric_4wd')
+    mass = sum(b.mass for b in scene.model.bodies)
+    assert Car.of(scene, ratio=15.0).inertia == pytest.approx(mass * 0.298, rel=1e-3)  # its wheels are at 0.298 m
