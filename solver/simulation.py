@@ -200,6 +200,8 @@ class Simulation:
         inputs = np.ascontiguousarray(inputs, float)
         if not inputs.flags.writeable:
             inputs = inputs.copy()  # kernels are compiled for arrays that can be written
+        if seen is not None and not np.isfinite(inputs).all():
+            seen = None  # the engine refuses the whole call; with rows to take it would make the steps up to there
         before = self.k
         try:
             self._advance(n, inputs, audit, seen)

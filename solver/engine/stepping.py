@@ -109,7 +109,8 @@ class Stepping:
     ) -> Moved:
         """See Engine.advance(). Every step is a call of its own while branches are looked for."""
         bodies, adaptation, held = self.shown, self.adaptation, len(inputs) == 1
-        looks = audit and bodies.branches is not None
+        # what is not finite is refused before anything is advanced
+        looks = audit and bodies.branches is not None and bool(np.isfinite(inputs).all())
         part = 1 if looks else n
         total, done = NO_STEPS, 0
         begin = State(*map(np.copy, bodies.state)) if bodies.due else None

@@ -71,6 +71,22 @@ def test_a_failure_keeps_the_rows_before_it(name: str) -> None:
         assert again.advance(2, rows[:2]).numbers.tobytes() == row.tobytes()
 
 
+@pytest.mark.parametrize('name', ['adapting', 'constant', 'branches', 'single_track'])
+def test_an_input_that_is_not_finite_is_refused_before_a_step_whatever_is_seen(name: str) -> None:
+    """In the tenth row, far behind the first row that is to be seen."""
+    simulation, other = MADE[name](), MADE[name]()
+    rows = np.tile(simulation.inputs, (12, 1))
+    wrong = rows.copy()
+    wrong[9, 0] = np.nan
+    for seen in (None, simulation.seen(2, 6)):
+        with pytest.raises(StepError, match=r'step 0: input .* is not finite; nothing was advanced'):
+            simulation.advance(12, wrong, seen=seen)
+        assert simulation.k == 0 and simulation.applied is not None and len(simulation.applied) == 0
+        assert seen is None or len(seen.steps) == 0
+        assert simulation.save() == other.save()
+    assert simulation.advance(12, rows).numbers.tobytes() == other.advance(12, rows).numbers.tobytes()
+
+
 def test_a_table_that_is_too_small_is_refused_before_a_step() -> None:
     simulation = MADE['constant']()
     with pytest.raises(ValueError, match='advance: 9 steps have more rows than 2'):
