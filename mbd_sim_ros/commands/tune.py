@@ -172,7 +172,8 @@ def parted(given: Sequence[str]) -> tuple[dict[str, tuple[float, float]], list[W
             if not (math.isfinite(low) and math.isfinite(high)):
                 raise SpecError(f'{text}: the bounds must be two numbers, LOW:HIGH, in the unit of the vehicle file')
             if not low < high:
-                raise SpecError(f'{text}: the low bound must be below the high one; write {name}={ends[1]}:{ends[0]}')
+                remedy = f'write {name}={ends[1]}:{ends[0]}' if high < low else 'a key that shall not change needs none'
+                raise SpecError(f'{text}: the low bound must be below the high one; {remedy}')
             bounds[name] = (low, high)
             continue
         evaluation, dot, figure = name.partition('.')
@@ -212,7 +213,7 @@ def keys_of_vehicle(file: Path, bounds: Mapping[str, tuple[float, float]]) -> tu
             for end in (low, high):
                 _, known = load_scene_and_units(START.format(included(file)), file.stem, [f'vehicle.{name}={end!r}'])
         except MbdError as error:
-            raise SceneError(f'{name}={low:g}:{high:g}: {str(error).removeprefix("--set ")}') from None
+            raise SceneError(f'{name}={low:g}:{high:g}: {str(error).removeprefix(f"--set vehicle.{name}: ")}') from None
         units[name] = known.get(f'vehicle.{name}', '') or known.get(f'vehicle.{name.partition("[")[0]}', '')
         keys.append(Key(name, low, high, start))
     return keys, units

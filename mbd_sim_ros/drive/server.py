@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import ipaddress
 import json
 import logging
@@ -36,6 +37,7 @@ READ = 0.002  # s between two messages of a page, which sends 70 a second; ten t
 LONGEST = 2048  # bytes of a message of a page, which has 200; ten times as many are no harm yet
 TOLD = 0.5  # s between two accounts of how it goes; ten times as much, and a page does not know who drives
 PATIENCE = 5.0  # s for a page to ask for what it wants, and between signs of life; ten times as much keeps the dead
+ELSEWHERE = 'give an address of this machine as --host'
 ACTIONS = ('pause', 'resume', 'reset', 'shift')  # of the one at the wheel
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; "
@@ -293,14 +295,20 @@ def _response(status: HTTPStatus, body: str, kind: str, policy: str = "default-s
 
 def _bound(host: str, port: int) -> socket.socket:
     """A socket that listens. Raises MbdError."""
+    remedy = 'give another --port, or none for one that is free'
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family, backlog=64)
-    except (OSError, OverflowError) as error:
-        why = os.strerror(number) if (number := getattr(error, 'errno', 0) or 0) > 0 else error
-        raise MbdError(
-            f'cannot serve on {host}, port {port}: {why}; give another --port, or none for one that is free'
-        ) from None
+    except socket.gaierror as error:
+        why, remedy = str(error.strerror), ELSEWHERE
+    except UnicodeError:
+        why, remedy = 'this is no name of a machine', ELSEWHERE
+    except OverflowError as error:
+        why = str(error)
+    except OSError as error:
+        why = os.strerror(error.errno or 0)
+        remedy = ELSEWHERE if error.errno == errno.EADDRNOTAVAIL else remedy
+    raise MbdError(f'cannot serve on {host}, port {port}: {why}; {remedy}')
 
 
 def _is_loopback(host: str) -> bool:

@@ -374,8 +374,14 @@ def test_a_port_that_is_taken_is_one_sentence(server: Server, desk: Stub) -> Non
         'one that is free',
         str(refused.value),
     )
-    with pytest.raises(MbdError, match=r'cannot serve on 203\.0\.113\.7, port 0: .*'):  # nobody's [RFC 5737]
-        Server(host='203.0.113.7')
+    with pytest.raises(
+        MbdError, match=r'cannot serve on 203\.0\.113\.7, port 0: .*an address of this machine as'
+    ):  # [RFC 5737]
+        Server(host='203.0.113.7')  # nobody's
+    with pytest.raises(
+        MbdError, match=r'cannot serve on no\.such\.invalid, port 0: [^\[]*; give an address'
+    ):  # [RFC 6761]
+        Server(host='no.such.invalid')
 
 
 def test_what_is_open_to_others_says_so_and_still_wants_the_token(desk: Stub) -> None:
