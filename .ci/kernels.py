@@ -1,5 +1,5 @@
 """Kernels for a wheel: `python .ci/kernels.py DIRECTORY` compiles what the delivered scenes need for every x86-64
-processor with AVX2 and FMA (solver.compiled.target.V3) and puts the files into DIRECTORY.
+processor with AVX2 and FMA (solver.compiled.target.V3) and puts the files into DIRECTORY, which is emptied before.
 
 What it has compiled it keeps in a cache of its own, so only the first time takes minutes.
 """
@@ -14,6 +14,7 @@ from pathlib import Path
 from solver.compiled.target import V3
 from solver.disk import location
 
+POLICIES = ('integrator.step_policy=auto', 'integrator.step_policy=constant')  # of a run, and of the node
 # Levels of detail of the full car beside its scenes.
 LEVELS = (('car_step_steer', 'kc'), ('car_step_steer', 'single_track'))
 
@@ -39,9 +40,9 @@ def main(directory: Path) -> None:
     print(f'{len(KERNELS.used)} kernels, {size / 1e6:.1f} MB, in {directory}')
 
 
-POLICIES = ('integrator.step_policy=auto', 'integrator.step_policy=constant')  # of a run, and of the node
-
 if __name__ == '__main__':
+    if len(sys.argv) != 2:
+        sys.exit('usage: python .ci/kernels.py DIRECTORY')
     if os.environ.get('NUMBA_CPU_NAME') != V3[0]:  # numba looks when it is imported
         own = {'NUMBA_CPU_NAME': V3[0], 'NUMBA_CPU_FEATURES': V3[1], 'MBD_CACHE_DIR': str(location() / 'wheel')}
         os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | own)

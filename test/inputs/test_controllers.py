@@ -10,6 +10,7 @@ import sys
 import time
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -244,3 +245,35 @@ def test_an_interrupt_is_for_the_run_and_no_crash_of_the_unit(archive, tmp_path)
     told = run.communicate(timeout=60)[1]
     assert run.returncode == 130 and 'Traceback' not in told and 'crashed' not in told
     assert not list(tmp_path.glob('unpacked/mbd_controller_*'))
+
+
+class Speaking:
+    """In place of the process of a unit: it says 0.3 at its start and -0.7 after every step."""
+
+    folder = SimpleNamespace(name='')
+
+    def __init__(self, where: str) -> None:
+        pass
+
+    def ask(self, question):
+        return {'values': [0.3], 'units': {}} if 'open' in question else {'values': [-0.7]}
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_steering_angle_passes_the_filter_with_its_sign(monkeypatch):
+    """By hand: the reference runs at 20 rad/s, and the angle follows it critically damped at 5 Hz, from rest."""
+    monkeypatch.setattr(controllers, '_Process', Speaking)
+    names = ('drive_torque', 'steering', 'steering_rate', 'steering_acceleration')
+    controller = controllers.Controller(fmu='x', outputs={'a': 'steering'}, every=0.002)
+    acting = controllers.Controlled(controller, names, 1_000_000, lambda: np.zeros(0), {})
+    rows = [acting.act(k, np.array([5.0, 9.0, 9.0, 9.0])) for k in range(2000)]
+    w = 10.0 * np.pi
+    for k, t in ((0, 0.001), (1, 0.002)):
+        decay = np.exp(-w * t)
+        angle = 20.0 * t - 40.0 / w + (40.0 / w + 20.0 * t) * decay
+        rate = 20.0 - (20.0 + 20.0 * w * t) * decay
+        np.testing.assert_allclose(rows[k], [5.0, angle, rate, w * w * (20.0 * t - angle) - 2.0 * w * rate], rtol=1e-9)
+    assert rows[1][3] > 0.0 > rows[2][3] - rows[1][3]  # at 2 ms, one period later, it turns the other way
+    np.testing.assert_allclose(rows[-1], [5.0, -0.7, 0.0, 0.0], atol=1e-9)
