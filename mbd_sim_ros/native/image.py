@@ -18,7 +18,9 @@ from solver.compiled.by_reference import WORD, Ref
 from solver.compiled.memory import LINE
 
 CONSTANT, WRITTEN, KERNEL = range(3)  # sections of an image; KERNEL: the address is that of a kernel
-# An integer of a table from here on is an address: indices and flags are far below, and so is memory of a process.
+# An integer of a table from here on must be a known address: no index and no flag is as large. Ten times as much would
+# pass more addresses of a forgotten table as numbers. A known address counts wherever it lies: the memory of a program
+# that is linked to a fixed place begins below.
 LOWEST_ADDRESS = 1 << 32
 
 
@@ -100,7 +102,8 @@ class Image:
     ) -> Iterator[Fixup]:
         """Integers of an array that are addresses of kernels or of Refs; strict: no other number is as large."""
         flat = array.reshape(-1)
-        for k in np.flatnonzero((flat >= LOWEST_ADDRESS) | (flat <= -LOWEST_ADDRESS)).tolist():
+        large = (flat >= LOWEST_ADDRESS) | (flat <= -LOWEST_ADDRESS)
+        for k in np.flatnonzero(large | np.isin(flat, list(known))).tolist():
             value = int(flat[k])
             if value in known:
                 target = (KERNEL, kernels[value]) if value in kernels else self._at(value)

@@ -104,7 +104,7 @@ def _emitted(kernel: Kernel, wanted: Target) -> bytes:
 
 
 def addresses(kernels: Mapping[int, Kernel]) -> tuple[dict[int, int], list[str]]:
-    """(address -> index, names by index) of kernels, for solver.native.image."""
+    """(address -> index, names by index) of kernels, for mbd_sim_ros.native.image."""
     names = sorted({kernel.name for kernel in kernels.values()})
     index = {name: k for k, name in enumerate(names)}
     return {address: index[kernel.name] for address, kernel in kernels.items()}, names
