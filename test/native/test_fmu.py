@@ -179,6 +179,24 @@ def test_instances_know_nothing_of_each_other_and_inputs_pass_the_filter(units, 
     other.freeInstance()
 
 
+@pytest.mark.parametrize('version', [2, 3])
+def test_parameters_of_the_filter_are_those_of_the_node(units, version):
+    unit, simulation = units[CAR, version], simulation_of(load_scene(CAR))
+    slave = unit.begun()
+    unit.set(slave, **{'steering_filter/bandwidth': 8.0, 'steering_filter/rate_limit': 1.5, 'steering': -0.3})
+    unit.set(slave, drive_torque=0.0, brake_torque=0.0)
+    assert unit.get(slave, ['steering_filter/bandwidth', 'steering_filter/rate_limit']) == [8.0, 1.5]
+    commands = CommandSource(simulation.channels.inputs, simulation.h_ns, bandwidth=8.0, rate_limit=1.5)
+    slave.doStep(0.0, 0.1)
+    for _ in range(100):
+        simulation.advance(1, commands.advance(-0.3, 0.0, 0.0))
+    assert unit.get(slave, SHOWN[CAR]) == shown(simulation, SHOWN[CAR])
+    w, t = 16.0 * np.pi, 0.1  # by hand, critically damped behind a reference that runs at the limit all the time
+    angle = 1.5 * (t - 2.0 / w + (2.0 / w + t) * np.exp(-w * t))
+    assert unit.get(slave, ['joint_states/steering_wheel/position']) == pytest.approx([-angle], rel=1e-6)
+    slave.freeInstance()
+
+
 ELSEWHERE = """
 import sys
 from pathlib import Path
