@@ -194,3 +194,18 @@ def test_a_minute_of_the_full_car_fits(tmp_path: Path) -> None:
     run_page.write_page([tmp_path / 'run'], tmp_path / 'run.html')
     for name in ('view', 'run'):
         assert (tmp_path / f'{name}.html').stat().st_size <= MOST
+
+
+def test_cells_keep_to_their_columns_and_numbers_stand_below_numbers(tmp_path: Path) -> None:
+    """A name without a gap ends in its column; a number among values with units stands as they do, to the left."""
+    name = 'element_states/upper_front_link_of_the_rear_axle_right_inner_bushing/energy'
+    head = ['channel', 'value', 'size', *(f'column {k}' for k in range(20))]
+    rows = [[name, value, k, *range(20)] for k, value in enumerate(('25 kN/m', '3 mm', '16.5'))]
+    pages.Page(title='x', blocks=[pages.table([head, *rows], bad=[0])]).write(tmp_path / 'p.html')
+    probe = """{
+        over: Array.from(document.querySelectorAll('td')).filter(c => c.scrollWidth > c.clientWidth + 1).length,
+        right: Array.from(document.querySelectorAll('tbody tr')).map(r => [1, 2].map(k => r.children[k].classList.contains('number')))
+    }"""  # noqa: E501
+    for size in SIZES:
+        found = opened(tmp_path / 'p.html', size, probe)
+        assert found['over'] == 0 and found['right'] == [[False, True]] * 3

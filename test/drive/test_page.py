@@ -154,6 +154,10 @@ def test_every_camera_shows_the_car_on_a_desktop_and_on_a_phone(how: str, tmp_pa
                 assert np.sum(pixels[..., 2] - pixels[..., 0] > 0.4) > 60, camera  # links
                 assert np.sum(pixels[..., 0] - pixels[..., 2] > 0.5) > 60, camera  # springs, forces, edges of the lane
                 assert not tab.value('document.documentElement.scrollWidth > innerWidth')
+                scene, curves = (
+                    tab.value(f"document.querySelector('#{of}').clientHeight") for of in ('scene', 'curves')
+                )
+                assert scene >= curves, 'the curves take the place of the car'
                 tab.close()
     finally:
         browser.close()
