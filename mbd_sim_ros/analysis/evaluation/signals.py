@@ -235,12 +235,12 @@ def signals(
             '',
         )
         if name in needs:
-            fewest = min(ways, key=lambda w: len(w.channels))
-            lacking = [channel for channel in fewest.channels if channel not in home]
+            fewest = min((w.channels for w in ways), key=len, default=())
+            needed = [name, *[channel for channel in fewest if channel not in home][:1]]
             if unread:
                 raise BagError(f'{place}: has no {text}: {unread}')
             raise BagError(
-                f'{place}: has no {text}: the channel {name} or {lacking[0]} is needed; map it with --map THEIRS={name}'
+                f'{place}: has no {text}: the channel {" or ".join(needed)} is needed; map it with --map THEIRS={name}'
             )
         if unread:
             without[unread] = None

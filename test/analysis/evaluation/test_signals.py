@@ -221,3 +221,14 @@ def test_a_rate_that_changes_counts_as_the_slower_one(slow: tuple[float, float],
     grids = {'yaw_rate': t, 'speed': fine}
     run = Run({name: Series(np.round(g * 1e9).astype(np.int64), {name: np.ones(g.size)}) for name, g in grids.items()})
     assert signals(run, 'bag', ('yaw_rate', 'speed')).spacing.get('yaw_rate') == (spacing and pytest.approx(spacing))
+
+
+@pytest.mark.parametrize(
+    ('name', 'told'),
+    [('yaw_rate', 'the channel yaw_rate or imu/wz is needed'), ('road_angle', 'the channel road_angle is needed')],
+)
+def test_the_channel_of_a_signal_that_is_missing_is_named(name: str, told: str) -> None:
+    t = np.arange(1000) * 10_000_000
+    run = Run(series={'speed': Series(t, {'speed': np.ones(t.size)})})
+    with pytest.raises(BagError, match=told):
+        signals(run, 'here', ('speed', name))
