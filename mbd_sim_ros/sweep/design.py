@@ -110,6 +110,15 @@ class Design:
             self.kind not in ('sobol', 'saltelli') or power, 'sweep', 'samples', self.samples, 'must be a power of two'
         )
 
+    @property
+    def text(self) -> str:
+        """What of it counts, for people."""
+        if self.kind == 'samples':
+            return f'rows of {self.file}'
+        if self.kind == 'grid':
+            return 'grid, every combination'
+        return f'{self.kind}, samples {self.samples}, seed {self.seed}'
+
 
 @dataclass(frozen=True, kw_only=True)
 class SweepFigure:

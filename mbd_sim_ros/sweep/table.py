@@ -25,6 +25,7 @@ ROUNDING = 1e-12
 # half width of a 95 % confidence interval of a Sobol index (0 to 1) from which on the report warns of few samples
 CLEAR = 0.1
 STATUSES = {'ok': 1, 'suspect': 4, 'error': 0}  # status -> colour of its points (page.js)
+LISTED = 12  # values of a parameter at the head of the page; ten times as many fill it
 CASES = 2000  # in the table of the page; ten times as many take seconds to open
 
 
@@ -168,7 +169,7 @@ def write_report(
         facts=[
             *facts,
             ('parameters', '; '.join(f'{name}: {_range(one)}' for name, one in sweep.parameters.items())),
-            ('design', f'{sweep.design.kind}, samples {sweep.design.samples}, seed {sweep.design.seed}'),
+            ('design', sweep.design.text),
         ],
         blocks=blocks,
     ).write(file)
@@ -178,6 +179,9 @@ def write_report(
 def _range(parameter: Parameter) -> str:
     if parameter.ranged:
         return f'{parameter.low:g} to {parameter.high:g}'
+    if len(parameter.values) > LISTED:
+        first, last = parameter.values[0], parameter.values[-1]
+        return f'{len(parameter.values)} values, the first is {first}, the last {last}'
     return ', '.join(value if isinstance(value, str) else f'{value:g}' for value in parameter.values)
 
 

@@ -171,6 +171,7 @@ def tabled(directory: Path, table: str) -> Sweep:
 def test_the_rows_of_a_table_are_the_cases(tmp_path: Path) -> None:
     sweep = tabled(tmp_path, 'integrator.h, duration\n0.001,2\n\n0.002,1\n')
     assert sweep.fewest == 2
+    assert sweep.design.text == 'rows of table.csv'
     assert cases(sweep) == [{'integrator.h': 0.001, 'duration': 2.0}, {'integrator.h': 0.002, 'duration': 1.0}]
 
 
