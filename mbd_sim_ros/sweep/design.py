@@ -112,7 +112,7 @@ class Design:
 
     @property
     def text(self) -> str:
-        """What of it counts, for people."""
+        """Kind of the design with what it depends on, for people."""
         if self.kind == 'samples':
             return f'rows of {self.file}'
         if self.kind == 'grid':

@@ -141,6 +141,16 @@ def _is_pdf(content: bytes) -> None:
     assert len(stream) == int(length)
 
 
+def test_what_a_page_says_is_heard(tmp_path: Path) -> None:
+    """An error, a line on the console and a request that the policy of all pages forbids."""
+    for k, script in enumerate(('missing.name', 'console.log("hello")', 'fetch("https://example.invalid/x")')):
+        file = tmp_path / f'{k}.html'
+        pages.Page(title='x', blocks=[]).write(file)
+        file.write_text(file.read_text('utf-8').replace('</html>', f'<script>{script}</script></html>'), 'utf-8')
+        with pytest.raises(AssertionError):
+            opened(file, SIZES[0])
+
+
 def test_a_page_answers_to_its_user(tmp_path: Path) -> None:
     """A table is sorted by numbers, rows are filtered, a channel is picked, a zoom moves linked charts, a curve is
     hidden, the theme turns."""

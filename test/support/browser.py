@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import atexit
 import base64
-import html
 import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any
@@ -44,6 +46,7 @@ os.set_inheritable(3, True)
 os.set_inheritable(4, True)
 os.execv(sys.argv[3], sys.argv[3:])
 """
+TOLD = ('Runtime.consoleAPICalled', 'Runtime.exceptionThrown', 'Log.entryAdded')  # where Runtime and Log are enabled
 CODES = {'left': 'ArrowLeft', 'right': 'ArrowRight', 'up': 'ArrowUp', 'down': 'ArrowDown', 'space': 'Space'}
 
 
@@ -67,6 +70,7 @@ class Browser:
         os.close(from_it)
         self._write, self._read = ours, theirs
         self._number = 0
+        self.told: dict[str, list[dict[str, Any]]] = {}  # what pages say on the console, by their sessions
         self._answers: dict[int, Queue[dict[str, Any]]] = {}
         threading.Thread(target=self._listen, daemon=True).start()
 
@@ -78,6 +82,8 @@ class Browser:
                 said = json.loads(text)
                 if (box := self._answers.pop(said.get('id', 0), None)) is not None:
                     box.put(said)
+                elif said.get('method') in TOLD:
+                    self.told.setdefault(said['sessionId'], []).append(said['params'])
 
     def call(self, method: str, session: str = '', **parameters: Any) -> dict[str, Any]:
         """The result of a method of the protocol. Raises RuntimeError."""
@@ -186,38 +192,36 @@ def numbers(text: str) -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), '<f4')
 
 
+@cache
+def _shared() -> Browser:
+    """The browser of all pages that this process opens one after the other."""
+    home = tempfile.mkdtemp(prefix='browser-')
+    browser = Browser(Path(home))
+    atexit.register(lambda: (browser.close(), shutil.rmtree(home, ignore_errors=True)))
+    return browser
+
+
 def opened(
     file: Path, size: tuple[int, int], probe: str = '{}', picture: Path | None = None, ready: str = 'true'
 ) -> Any:
-    """The value of an expression of JavaScript in a page that a browser of this size has opened.
+    """The value of an expression of JavaScript in a page that a window of this size shows.
 
-    picture: for a screenshot, which is another visit. ready: what is waited for, for a chart is drawn when it comes
-    into view. Fails with what the page says on the console: an error, or a request that its policy forbids.
+    picture: for a screenshot. ready: what is waited for, for a chart is drawn when it comes into view. Fails with what
+    the page says on the console: an error, or a request that its policy forbids.
     """
-    late = (
-        'setTimeout(async () => {'
-        ' for (let k = 0; k < 80 && !(READY); k++) await new Promise(go => setTimeout(go, 50));'
-        ' document.body.dataset.probe = JSON.stringify(await (async () => (@))()); }, 1500);'
-    ).replace('READY', ready)
-    page = file.with_name(f'probe-{file.stem}.html')
-    script = f'<script>{late.replace("@", probe)}</script></html>'
-    page.write_text(file.read_text('utf-8').replace('</html>', script), 'utf-8')
-    command = [
-        str(CHROMIUM),
-        *QUIET,
-        f'--user-data-dir={file.parent}/profile',
-        f'--window-size={size[0]},{size[1]}',
-        '--disable-component-update',
-        '--disable-sync',
-        '--hide-scrollbars',
-        '--virtual-time-budget=6000',
-        '--enable-logging=stderr',
-    ]
-    visits = [[*command, '--dump-dom', page.as_uri()]]
-    visits += [] if picture is None else [[*command, f'--screenshot={picture}', file.as_uri()]]
-    found = [subprocess.run(one, timeout=120, check=True, capture_output=True, text=True) for one in visits]
-    told = [line for one in found for line in one.stderr.splitlines() if 'CONSOLE' in line]
+    browser = _shared()
+    tab = browser.open('about:blank')
+    try:
+        tab.call('Runtime.enable')
+        tab.call('Log.enable')
+        tab.resize(*size)
+        tab.call('Page.navigate', url=file.as_uri())
+        tab.wait(f"document.readyState === 'complete' && !!({ready})")
+        value = tab.value(f'(async () => ({probe}))()')
+        if picture is not None:
+            tab.picture(picture)
+        told = browser.told.pop(tab.session, [])
+    finally:
+        tab.close()
     assert not told, told
-    value = re.search(r'data-probe="([^"]*)"', found[0].stdout)
-    assert value is not None, 'the page has stopped before its end'
-    return json.loads(html.unescape(value[1]))
+    return value
