@@ -300,9 +300,12 @@ class Scene:
             require(
                 not isinstance(target, float | int) or target >= 0.0, where_, 'maneuver.speed.target', target, ahead
             )
-        for controller in self.controllers:
-            for name in (n for n in controller.outputs.values() if n not in names):
-                require(False, where_, 'controllers', name, 'the model has no such input' + suggestion(name, names))
+        commanded = [name for controller in self.controllers for name in controller.outputs.values()]
+        for name in commanded:
+            require(name in names, where_, 'controllers', name, 'the model has no such input' + suggestion(name, names))
+            require(
+                commanded.count(name) == 1, where_, 'controllers', name, 'two controllers command it: take one away'
+            )
         for name in (n for n in self.actuation.actuators if n not in names):
             require(False, where_, 'actuation.actuators', name, 'the model has no such input' + suggestion(name, names))
         needs = 'works on the brakes of single wheels: set actuation: {wheels: true}'

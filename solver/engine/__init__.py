@@ -8,7 +8,8 @@ contract.
 | solver.levels.single_track_engine | solver.levels.track_step | its own |
 
 Several of one class step at once as a group (solver.engine.lanes), which changes nothing of them but the time they
-take."""
+take.
+"""
 
 from __future__ import annotations
 
@@ -123,9 +124,8 @@ class Engine(Protocol):
 
         audit: keep the energy account, and look for branch switches where the scene asks for them. seen: takes what is
         shown after the steps that it is to see. driven: the driver, who adds what he does to the inputs of each step.
-        After a failure the
-        state is that of the last good step. Fewer steps than asked for, without a failure, are done when somebody asks
-        for an end.
+        After a failure the state is that of the last good step. Fewer steps than asked for, without a failure, are done
+        when somebody asks for an end.
         """
 
     def arrays(self) -> dict[str, np.ndarray]:

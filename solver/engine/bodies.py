@@ -104,7 +104,8 @@ class Bodies:
 
         def find() -> Changes:
             conditions = InitialConditions(
-                self.scene, self.model, self.states, values, u, chassis=self.chassis, work=self.work, explain=explain
+                self.scene.start, self.model, self.states, values, u, chassis=self.chassis, work=self.work,
+                explain=explain,
             )  # fmt: skip
             found = conditions.find()
             copy_state(conditions.consistent, self._consistent)

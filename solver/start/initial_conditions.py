@@ -21,7 +21,7 @@ from solver.errors import ConsistencyError
 from solver.model.evaluate import constraint_input_rates, prepare
 from solver.model.state import State, copy_state, kinematics_of, new_state, update_angles
 from solver.model.tables import Model
-from solver.scene import Scene
+from solver.scene import StartSettings
 from solver.start.equilibrium import Equilibrium
 from solver.start.newton import ConsistentState
 from solver.start.obstacle import edge_at_wheels
@@ -51,12 +51,14 @@ GRIP = 0.1  # friction of a road on which equilibrium is found from the placemen
 class InitialConditions:
     """Finds the start of a scene for a simulation, in the first of its two state buffers.
 
+    wanted: what the scene asks of its start. The search sees nothing else of a scene, for what it depends on is what a
+    start is known by (solver.start.known).
     inputs (nu,) are those at the start; work is scratch; explain makes a sentence of a step that failed.
     """
 
     def __init__(
         self,
-        scene: Scene,
+        wanted: StartSettings,
         model: Model,
         states: list[Ref],
         method: Scheme,
@@ -66,7 +68,7 @@ class InitialConditions:
         work: Ref,
         explain: Callable[[StepResult], str],
     ) -> None:
-        self.scene, self.model, self.states, self.method, self.inputs = scene, model, states, method, inputs
+        self.wanted, self.model, self.states, self.method, self.inputs = wanted, model, states, method, inputs
         self.chassis, self.work, self.explain = chassis, work, explain
         # what find() found, before the integrator's part of it, which belongs to its step
         self.consistent = new_state(model)
@@ -79,16 +81,14 @@ class InitialConditions:
     def find(self) -> Changes:
         """Assign the start of the scene to the state; returns what was changed of what is given. Raises
         ConsistencyError."""
-        placed, speed = self.state.q.copy(), self.scene.start.speed
+        placed, speed = self.state.q.copy(), self.wanted.speed
         try:
             return dataclasses.replace(
                 self._find(), obstacle=edge_at_wheels(self.model, self.state.q, self.chassis, 0.0)
             )
         except ConsistencyError as error:
             rolled = (
-                abs(speed) * SETTLE_EVERY * size_of(self.model.spec).time
-                if self.scene.start.kind == 'equilibrium'
-                else 0.0
+                abs(speed) * SETTLE_EVERY * size_of(self.model.spec).time if self.wanted.kind == 'equilibrium' else 0.0
             )
             edge = edge_at_wheels(self.model, placed, self.chassis, rolled)
             if not edge:
@@ -102,7 +102,7 @@ class InitialConditions:
 
     def _find(self) -> Changes:
         """As find(), with the sentence of whatever fails."""
-        start, u, method = self.scene.start, self.inputs, self.method
+        start, u, method = self.wanted, self.inputs, self.method
         calculation = Equilibrium(self.model)
         state = self.state
         placed = state.q.copy()
@@ -199,7 +199,7 @@ class InitialConditions:
         placed = new_state(self.model)
         copy_state(state, placed)
         try:
-            calculation.equilibrium(state, u, hold=held, stable=self.scene.start.stable)
+            calculation.equilibrium(state, u, hold=held, stable=self.wanted.stable)
         except ConsistencyError:
             rougher = self._rougher()
             if rougher is None:
@@ -207,7 +207,7 @@ class InitialConditions:
             copy_state(placed, state)
             with suppress(ConsistencyError):
                 rougher.equilibrium(state, u, hold=held)
-            calculation.equilibrium(state, u, hold=held, stable=self.scene.start.stable)
+            calculation.equilibrium(state, u, hold=held, stable=self.wanted.stable)
         refuse_unloaded_wheels(self.model, state, u)
 
     def _rougher(self) -> Equilibrium | None:

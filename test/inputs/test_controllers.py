@@ -166,6 +166,9 @@ def test_files_that_are_none_are_one_sentence(archive, tmp_path):
             simulation_of(load_scene(SCENE, settings(str(tmp_path / file)))).advance(1)
     with pytest.raises(SceneError, match='the model has no such input'):
         load_scene(SCENE, [settings(archive())[0].replace('drive_torque', 'drive_torq')])
+    twice = settings(archive())[0].replace('[{', '[{fmu: b.fmu, outputs: {brake: drive_torque}}, {')
+    with pytest.raises(SceneError, match="'drive_torque': two controllers command it"):
+        load_scene(SCENE, [twice])
     with pytest.raises(MbdError, match='parameters: variable'):
         simulation_of(load_scene(SCENE, settings(archive(), 'parameters: {torque: 1}'))).advance(1)
 

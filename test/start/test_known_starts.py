@@ -22,14 +22,14 @@ NAME = 'light_car_step_steer'
 
 @pytest.fixture
 def searches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """A process that knows no start, with a store of its own; every search adds the name of its scene."""
+    """A process that knows no start, with a store of its own; every search adds the kind of its start."""
     monkeypatch.setattr(known, '_remembered', type(known._remembered)())
     monkeypatch.setattr(known, 'location', lambda: tmp_path)
     found: list[str] = []
     find = InitialConditions.find
 
     def counted(self: InitialConditions) -> object:
-        found.append(self.scene.name)
+        found.append(self.wanted.kind)
         return find(self)
 
     monkeypatch.setattr(InitialConditions, 'find', counted)
