@@ -24,7 +24,7 @@ from solver.output.branches import BranchSwitch, BranchWatch, switches_before
 from solver.output.collect import channels_of, collect
 from solver.output.dependence import describe, scaled_jacobian
 from solver.output.energy import update_energy
-from solver.output.snapshot import layout_of, new_numbers, output_arrays
+from solver.output.snapshot import OutputArrays, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
 from solver.start.displacement import displace, require_free, require_near, sight
 from solver.start.initial_conditions import InitialConditions
@@ -62,7 +62,7 @@ class Bodies:
         self.layout = layout_of(self.channels)
         self.numbers = new_numbers(self.layout)
         frame = output_arrays(self.numbers, self.layout)
-        self.work = new_work(self.model, new_saddle(self.model, values.form), self.outputs, frame)
+        self.work = self._scratch(values, self.outputs, frame)
         # what a step is compiled for
         shapes = (*(Ref(new_state(self.model)) for _ in range(2)), np.zeros(len(scene.model.inputs)))
         self.step_arguments = self.model.tables, Ref(values), *shapes
@@ -81,6 +81,10 @@ class Bodies:
         watched = scene.record.branches or BRANCH_SWITCHES.require in scene.require.limits
         self.branches = BranchWatch() if watched else None
         self.rescued: list[BranchSwitch] = []
+
+    def _scratch(self, values: Scheme, outputs: np.ndarray, frame: OutputArrays) -> Ref:
+        """Scratch of a step, which fills these outputs and the frame."""
+        return new_work(self.model, new_saddle(self.model, values.form), outputs, frame)
 
     @property
     def h(self) -> float:
@@ -103,9 +107,11 @@ class Bodies:
         values = cast(Scheme, self.scheme.value)
 
         def find() -> Changes:
+            # scratch of its own: an engine is the same, to its last byte, whether its start was found or known
+            frame = output_arrays(new_numbers(self.layout), self.layout)
             conditions = InitialConditions(
-                self.scene.start, self.model, self.states, values, u, chassis=self.chassis, work=self.work,
-                explain=explain,
+                self.scene.start, self.model, self.states, values, u, chassis=self.chassis,
+                work=self._scratch(values, self.model.new_outputs(), frame), explain=explain,
             )  # fmt: skip
             found = conditions.find()
             copy_state(conditions.consistent, self._consistent)
@@ -114,7 +120,8 @@ class Bodies:
 
         found = start_of(self.scene, self.model.spec, values, u, (self._consistent, self._initial), find)
         self._first = None
-        copy_state(self._initial, self.state)
+        for state in self.states:
+            copy_state(self._initial, cast(State, state.value))
         self._know_slow()
         return found
 

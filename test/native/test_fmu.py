@@ -22,6 +22,7 @@ from mbd_sim_ros.native.fmu import exponents, write
 from mbd_sim_ros.native.kernels import target
 from solver import load_scene, simulation_of
 from solver.inputs.command_filter import CommandSource
+from solver.start import known
 
 PAGE = Path(__file__).parents[2] / 'docs' / 'native.md'
 CAR, CRANK = 'car_step_steer', 'slider_crank'
@@ -316,6 +317,21 @@ def test_instances_that_are_freed_leave_nothing(units, version, leak):
 
     before = bytes_after(10)
     assert (bytes_after(count) - before < 64 * count) == (leak == 0)
+
+
+def test_a_start_that_was_known_gives_the_archive_of_one_that_was_searched(tmp_path, monkeypatch):
+    """What a search leaves in the scratch of a step is nobody's business."""
+    monkeypatch.setattr(known, 'location', lambda: tmp_path)
+    made = []
+    for forget in (True, False, True):
+        if forget:
+            known._remembered.clear()
+            for kept in tmp_path.rglob('*'):
+                kept.unlink() if kept.is_file() else None
+        file = tmp_path / 'car.fmu'
+        write(simulation_of(load_scene('light_car_step_steer')), file, target('v3'), program='test')
+        made.append(file.read_bytes())
+    assert made[0] == made[1] == made[2]
 
 
 def test_the_same_scene_gives_the_same_archive_and_the_command_writes_it(units, tmp_path, capsys):
