@@ -197,7 +197,8 @@ def _shared() -> Browser:
     """The browser of all pages that this process opens one after the other."""
     home = tempfile.mkdtemp(prefix='browser-')
     browser = Browser(Path(home))
-    atexit.register(lambda: (browser.close(), shutil.rmtree(home, ignore_errors=True)))
+    atexit.register(shutil.rmtree, home, ignore_errors=True)
+    atexit.register(browser.close)
     return browser
 
 
