@@ -388,9 +388,11 @@ def _required(
             q = quantity(name, s.channels, size_of(s.scene.model))
         except MbdError:
             continue  # a level that does not publish it
-        yield from _broken(
-            name, asked, departure(q, times, q.of(others[:, q.places]), q.of(rows[:, q.places])), q.unit, factor / slack
-        )
+        twin, run = q.of(others[:, q.places]), q.of(rows[:, q.places])
+        # both motions are finite: what is not, is the effort of a driver that one of both does not determine
+        there = np.isfinite(twin - run).all(axis=1)
+        if there.any():
+            yield from _broken(name, asked, departure(q, times[there], twin[there], run[there]), q.unit, factor / slack)
 
 
 def _broken(name: str, asked: Accuracy, apart: Any, unit: str, factor: float) -> Iterator[Finding]:

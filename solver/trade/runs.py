@@ -24,6 +24,7 @@ from solver.trade.setting import Setting
 from solver.vehicle.size import size_of
 
 SAMPLE_NS = 2_000_000  # runs are sampled at every step that is at least this long, shorter ones at every few
+NOT_DETERMINED = 'a driver passes a singular position, where its effort is not determined: require no accuracy of it'
 Curves = dict[str, np.ndarray]
 T = TypeVar('T')
 R = TypeVar('R')
@@ -112,9 +113,11 @@ class Going:
                 while (s.k + self._every) * s.h_ns <= last:
                     if self._stop is not None and self._stop():
                         raise Stopped
-                    self._keep(s.advance(self._every, audit=self._audit))
+                    snapshot = s.advance(self._every, audit=self._audit)
+                    self._keep(snapshot)
                     if not np.all(np.isfinite(self._rows[-1])):
-                        self._failure = f't = {s.t_ns * 1e-9:g} s: the motion is no longer finite'
+                        what = NOT_DETERMINED if snapshot.is_finite() else 'the motion is no longer finite'
+                        self._failure = f't = {s.t_ns * 1e-9:g} s: {what}'
                         break
             except MbdError as error:
                 self._failure = str(error)

@@ -13,6 +13,7 @@ from mbd_sim_ros.batch import simulate
 from solver import Simulation, load_scene, load_scene_text, simulation_of
 from solver.analysis.error_bar import FEWEST, MOST, Twin, instants
 from solver.analysis.kept_errors import NONE, keep, kept
+from solver.quantities import quantity
 
 OSCILLATOR = """
 mechanism:
@@ -262,3 +263,22 @@ def test_reactions_are_measured_where_they_are_recorded_and_else_named_as_not_ju
         true = float(np.abs((made[0.004][0] - made[0.001][0]) / lengths).max()) * 16.0 / 15.0
         assert 0.5 < error.value / true < 2.0
         assert error.limit is None and error.unit == 'N'
+
+
+def test_instants_at_which_an_effort_is_not_determined_are_left_out_of_what_is_required() -> None:
+    """A required accuracy is judged by the others: an effort that is not a number breaks no limit, one that is off
+    does."""
+    name = 'joint_states/g/effort'
+    text = PENDULUM + f'require: {{accuracy: {{{name}: {{max: 1 %}}}}}}\n'
+    twin = Twin(simulation_of(load_scene_text(text, 'scene')), 300)
+    for k in twin.instants[1:]:
+        twin.note(twin._run.advance(k - twin._run.k))
+    for _ in twin.make():
+        pass
+    assert twin.result().findings == ()
+    place = quantity(name, twin._run.channels).places[0]
+    twin._rows[7][place] = np.nan
+    assert twin.result().findings == ()
+    twin._rows[8][place] = 1.0
+    (found,) = twin.result().findings
+    assert found.quantity == 'numerical_error' and 0.0 < found.value < np.inf
