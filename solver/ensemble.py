@@ -101,6 +101,7 @@ class Ensemble:
         SpecError for inputs of another shape, and for a number of steps that is none."""
         if not isinstance(n, int | np.integer) or n < 0:
             raise SpecError(f'Ensemble: n = {n!r}: steps are a whole number, 0 at least')
+        audit = audit or bool(self.channels.energies)  # which are those of the account
         rows = self._rows(n, inputs)
         waiting = {k for k, failure in enumerate(self.failures) if not failure}
         size = max((len(members) for _, members in self._groups), default=0)

@@ -270,6 +270,8 @@ def _columns(channels: Channels, s: Snapshot) -> Iterator[tuple[str, str, float]
     for name, value in zip(channels.elements, s.elements, strict=True):
         element, _, output = name.rpartition('/')
         yield f'element_states/{name}', _unit_of_output(tuple(outputs[element]), output), value
+    for name, value in zip(channels.energies, s.energies, strict=True):
+        yield f'energies/{name}', 'J', value
     for name, value in zip(channels.reactions, s.reactions, strict=True):
         yield f'reactions/{name}', '1', value
 

@@ -100,7 +100,8 @@ class Record:
     message set); they are most of a recording. reactions: constraint forces of all rows. branches: look at every step
     whether the mechanism leaves a singular position on another branch than it came in on (slow: a dense decomposition
     of all constraints); the run reports `branch_switches`. poses: how often /tf places all bodies, at most 100 times a
-    second; motions: how often velocities and accelerations of all bodies are shown; 0: never.
+    second; motions: how often velocities and accelerations of all bodies are shown, energies: how often those of the
+    energy account are; 0: never.
     """
 
     every: int = 1
@@ -110,13 +111,15 @@ class Record:
     branches: bool = False
     poses: Frequency = 50.0
     motions: Frequency = 0.0
+    energies: Frequency = 0.0
 
     def __post_init__(self) -> None:
         finite('record', 'every', self.every, low=1)
         finite('record', 'elements_rate', self.elements_rate, low=0.0)
         finite('record', 'poses', self.poses, low=0.0, high=100.0)
         finite('record', 'motions', self.motions, low=0.0)
-        for name in ('elements_rate', 'poses', 'motions'):
+        finite('record', 'energies', self.energies, low=0.0)
+        for name in ('elements_rate', 'poses', 'motions', 'energies'):
             rate = getattr(self, name)
             require(
                 rate == 0.0 or rate >= 1.0 / LONGEST,
@@ -135,6 +138,11 @@ class Record:
         """Steps of h [s] between two instants at which the motions of all bodies are shown, a multiple of `every`; 0:
         there are none."""
         return self._apart(self.motions, h) if self.motions > 0.0 else 0
+
+    def energies_every(self, h: float) -> int:
+        """Steps of h [s] between two instants at which energies are shown, a multiple of `every`; 0: there are
+        none."""
+        return self._apart(self.energies, h) if self.energies > 0.0 else 0
 
     def elements_every(self, h: float) -> int:
         """Steps of h [s] between two instants at which force elements are recorded, a multiple of `every`."""

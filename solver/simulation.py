@@ -166,6 +166,7 @@ class Simulation:
         that it is to see, the same as those of a call for each of them. Raises StepError; the state is that of the last
         good step then.
         """
+        audit = audit or bool(self.channels.energies)  # which are those of the account
         if seen is not None:
             seen.clear()
             if not seen.fits(self.k, n):

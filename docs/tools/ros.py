@@ -21,7 +21,7 @@ from mbd_sim_ros.node.maneuver_player import PARAMETERS as MANEUVER
 from mbd_sim_ros.node.parameters import CHOICES, PARAMETERS
 from mbd_sim_ros.node.services import SERVICES
 from solver.inputs.command_filter import COMMANDS
-from solver.output.snapshot import Channels
+from solver.output.snapshot import ENERGIES, Channels
 
 FILE = Path(__file__).parents[1] / 'ros.md'
 PART = re.compile(r'<!-- begin (?P<name>\w+) -->\n(?P<body>.*?)<!-- end -->', re.DOTALL)
@@ -40,6 +40,8 @@ MEANING = {
     '`publish_elements`, scene `record.reactions`)',
     'body_motions': 'velocity and acceleration of every body, along its axes and of its reference frame (scene '
     '`record.motions`)',
+    'energies': 'kinetic, potential, dissipated and exchanged energy and the error of their balance (scene '
+    '`record.energies`)',
     '/tf': '`base_link` and the contact frames in `odom`; at the rate `record.poses` all bodies, as links, and '
     '`imu_link`',
 }
@@ -97,10 +99,12 @@ def topics() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         'inputs': COMMANDS,
         'chassis': 0,
     }
-    names = Channels(**given, elements=('a/force',), reactions=nothing, moving=('chassis',))  # type: ignore[arg-type]
+    names = Channels(**given, elements=('a/force',), reactions=nothing, moving=('chassis',), energies=ENERGIES)  # type: ignore[arg-type]
     rows = [
         (f'`{t.name}`', t.type.replace('/msg/', '/'), quality(t), MEANING[t.name])
-        for t in Messages(names, element_states=True, reactions=True, kinds={'a': KIND}, motions_every=1).topics
+        for t in Messages(
+            names, element_states=True, reactions=True, kinds={'a': KIND}, motions_every=1, energies_every=1
+        ).topics
     ]
     return ('topic', 'type', 'QoS', ''), [*rows, *FURTHER]
 

@@ -19,7 +19,7 @@ from solver.errors import BagError
 # Channels of a page, those that come first in ORDER; ten times as many leave no points for each. `mbd export` has all.
 MOST = 160
 ORDER = (
-    'imu/*', 'odom/twist/*', 'odom/pose/*', 'cmd_applied/*', 'joint_states/*', 'tire/*', 'tire_states/*', 'energy/*',
+    'imu/*', 'odom/twist/*', 'odom/pose/*', 'cmd_applied/*', 'energies/*', 'joint_states/*', 'tire/*', 'tire_states/*',
     '*',
 )  # fmt: skip
 CHOSEN = ('odom/twist/vx', 'imu/ay', 'imu/wz', 'cmd_applied/steering', 'tire/front_left/force/fz')

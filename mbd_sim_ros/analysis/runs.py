@@ -106,6 +106,8 @@ def _unit(column: str, kinds: Mapping[str, str], along: Mapping[str, str], outpu
     if topic == 'element_states':
         element = rest.rpartition('/')[0]
         return _element_units(tuple(outputs.get(element, ())), along.get(element, '')).get(last, '')
+    if topic == 'energies':
+        return 'J'
     if topic == 'body_motions':
         return MOTION_UNITS.get(last, '')
     if topic == 'reactions':  # a row of a joint or contact, or the one of what ties joint coordinates

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbd_sim_ros.messages.cdr import Template, template
-from mbd_sim_ros.messages.topics import ELEMENTS, IMU, JOINT_STATE, MOTIONS, ODOMETRY, TF, WRENCH, Topic
+from mbd_sim_ros.messages.topics import ELEMENTS, ENERGY, IMU, JOINT_STATE, MOTIONS, ODOMETRY, TF, WRENCH, Topic
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.output.sensors import Sensors
 from solver.output.snapshot import NO_STEPS, Channels, Snapshot, layout_of, new_numbers
@@ -141,6 +141,11 @@ class Composition:
         if moving:
             names = [f'{body}/{name}' for body in moving for name in MOTION]
             self.scalars(MOTIONS, names, np.column_stack([s.twist, s.acceleration]))
+
+    def add_energies(self) -> None:
+        """Add the energies of the account, where there are any."""
+        if self.channels.energies:
+            self.scalars(ENERGY, self.channels.energies, self._snapshot.energies)
 
     def add_frames(self, *, bodies: bool, links: Sequence[str], imu_at: Sequence[float]) -> None:
         """Add /tf: the frames so far, and at some steps, where `bodies` is set, those of all bodies and the sensor too.

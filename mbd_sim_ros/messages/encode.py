@@ -17,7 +17,7 @@ import numpy as np
 
 from mbd_sim_ros.messages.cdr import ENCAPSULATION
 from mbd_sim_ros.messages.composition import Composition, Spot
-from mbd_sim_ros.messages.topics import ELEMENTS, MOTIONS, family
+from mbd_sim_ros.messages.topics import ELEMENTS, ENERGY, MOTIONS, family
 from solver.elements.registry import FORCES
 from solver.errors import StepError
 from solver.files.urdf import link_of
@@ -52,11 +52,11 @@ class Messages:
     the outputs of every force element and the reaction of every constraint row as named scalars. kinds: element -> its
     kind, whose elements have a topic of their own (others share one). elements_every: steps between messages of
     elements. sensors: covariances and noise of odom and imu. motions_every: steps between messages of velocities and
-    accelerations of all bodies (0: there are none). poses_every: steps between messages that place all bodies (0: none
-    does); links: their names in `robot_description`, 'base_link' for one that has its place anyway (default: all bodies
-    but the chassis under their own names); imu_at: where the chassis has its centre of mass [m]. All messages lie in
-    one buffer, and a step is one indexed copy from the numbers of the snapshot to those of the messages that are
-    wanted: one instance serves one thread.
+    accelerations of all bodies, energies_every: of energies (0: there are none). poses_every: steps between messages
+    that place all bodies (0: none does); links: their names in `robot_description`, 'base_link' for one that has its
+    place anyway (default: all bodies but the chassis under their own names); imu_at: where the chassis has its centre
+    of mass [m]. All messages lie in one buffer, and a step is one indexed copy from the numbers of the snapshot to
+    those of the messages that are wanted: one instance serves one thread.
     """
 
     def __init__(
@@ -69,6 +69,7 @@ class Messages:
         kinds: Mapping[str, str] | None = None,
         elements_every: int = 1,
         motions_every: int = 0,
+        energies_every: int = 0,
         poses_every: int = 0,
         links: Sequence[str] = (),
         imu_at: Sequence[float] = (0.0, 0.0, 0.0),
@@ -87,10 +88,12 @@ class Messages:
             parts.add_reactions()
         if motions_every:
             parts.add_motions()
+        if energies_every:
+            parts.add_energies()
         parts.add_frames(bodies=poses_every > 0, links=links, imu_at=imu_at)
         self.topics = tuple(parts.topics)
         self._seldom = parts.seldom
-        apart = {ELEMENTS: elements_every, MOTIONS: motions_every}
+        apart = {ELEMENTS: elements_every, MOTIONS: motions_every, ENERGY: energies_every}
         self._every = [apart.get(family(topic.name), 1) for topic in self.topics]
         if self._seldom == len(self.topics) - 1:  # /tf has no other
             self._every[-1] = poses_every
@@ -117,6 +120,7 @@ class Messages:
             kinds=kinds,
             elements_every=record.elements_every(h),
             motions_every=record.motions_every(h),
+            energies_every=record.energies_every(h),
             poses_every=every,
             links=links,
             imu_at=at,
@@ -313,6 +317,7 @@ def require_finite(snapshot: Snapshot, channels: Channels) -> None:
         ('output', snapshot.elements, channels.elements),
         ('reaction', snapshot.reactions, channels.reactions),
         ('acceleration of body', snapshot.acceleration, channels.moving),
+        ('energy', snapshot.energies, channels.energies),
     )
     for what, values, names in named:
         for name, value in zip(names, values):

@@ -38,6 +38,7 @@ class Topic(NamedTuple):
 
 INPUTS = Topic('inputs_applied', ARRAY)  # recorded only (mbd_sim_ros.bags.inputs)
 MOTIONS = 'body_motions'
+ENERGY = 'energies'
 ELEMENTS = 'element_states'  # the topic of the outputs of elements, or what those of single kinds begin with
 
 

@@ -36,6 +36,7 @@ RATES = {  # rates of topics, by their names in parameters: default [Hz], what i
     'element_states': (100.0, 'of element_states/<kind>, at most record.elements_rate of the scene'),
     'reactions': (100.0, 'of reactions'),
     'body_motions': (100.0, 'of body_motions, at most record.motions of the scene'),
+    'energies': (100.0, 'of energies, at most record.energies of the scene'),
 }
 PACING = ('mode', 'rate_factor', 'command_timeout', 'lockstep_every')  # fields of mbd_sim_ros.node.pace.Pace
 RATE = 'largest rate in simulation time [Hz], 0: every published step,'

@@ -16,7 +16,7 @@ from std_msgs.msg import String
 
 from mbd_sim_ros.bags.published import tell
 from mbd_sim_ros.messages.encode import Messages
-from mbd_sim_ros.messages.topics import ELEMENTS, MOTIONS
+from mbd_sim_ros.messages.topics import ELEMENTS, ENERGY, MOTIONS
 from mbd_sim_ros.node.audience import Audience
 from mbd_sim_ros.node.commands import Commands
 from mbd_sim_ros.node.diagnostics import judged
@@ -151,6 +151,7 @@ class Running:
         h = self.simulation.h_ns * 1e-9
         record = self.scene.record
         apart = {ELEMENTS: record.elements_every(h), MOTIONS: record.motions_every(h) or 1}
+        apart[ENERGY] = record.energies_every(h) or 1
         there = {topic: math.lcm(of, steps) for topic, steps in apart.items()}  # steps between messages
         every = {topic: thinned(values[f'rate_{topic}'], h, there.get(topic, of)) for topic in RATES}
         self._publication.every(every, self._messages.poses_every, of)

@@ -35,11 +35,7 @@ class Balance:
         kinds = [kind.name for kind in FORCES if getattr(spec, kind.name)]
         self._alone = {kind: simulation.model.only(kind) for kind in kinds}
         self._no_elements = simulation.model.only(None)
-        self._fed = {
-            kind: np.array([bool(e.input) for e in getattr(spec, kind)])
-            for kind in kinds
-            if FORCE_BY_NAME[kind].supplies
-        }
+        self._fed = {kind: np.array([FORCE_BY_NAME[kind].feeds(e) for e in getattr(spec, kind)]) for kind in kinds}
         self._constraints = Ref(tables.constraints)
         self.rows = (*kinds, 'gravity', 'constraints')
         model = simulation.model
@@ -87,7 +83,7 @@ class Balance:
             acting[row] = forces(self._alone[kind]) - base
             out = s.model.outputs(kind, self._outputs)
             stored[row] = out[:, 0].sum()
-            fed = -out[self._fed[kind], 1].sum() if kind in self._fed else 0.0
+            fed = -out[self._fed[kind], 1].sum()
             dissipated[row], supplied[row] = out[:, 1].sum() + fed, fed
         weight, reaction = acting[-2:]
         weight[:-1, :3] = bodies.mass[:, None] * bodies.gravity

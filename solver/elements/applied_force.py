@@ -212,4 +212,5 @@ APPLIED_FORCES = ForceKind(
     kernel=applied_force_forces,
     outputs=OUTPUTS,
     supplies=True,
+    active=True,
 )

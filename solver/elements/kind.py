@@ -54,7 +54,8 @@ class ForceKind:
     `input` (indices of inputs, -1 for none) if the specification has an input. kernel: see solver.elements. outputs:
     column -> unit, energy and dissipation first.
 
-    supplies: the inputs are loads, which supply energy (else they are capacities, as of brakes). effort: output column
+    supplies: the inputs are loads, which supply energy (else they are capacities, as of brakes). active: the elements
+    do work from outside of the mechanics without an input, as a motor does. effort: output column
     that is a generalized force on the joint coordinates in the table's column `coordinate` (-1 for none), times its
     column `factor` if it has one; or a tuple with a column for each coordinate. rotation: first of three output columns
     that are a rotation vector [rad] on which the element acts; it jumps at a turn by pi. peak: output column whose
@@ -72,6 +73,7 @@ class ForceKind:
     kernel: Callable[..., None]
     outputs: Mapping[str, str]
     supplies: bool = False
+    active: bool = False
     effort: str | tuple[str, ...] | None = None
     rotation: str | None = None
     peak: str | None = None
@@ -107,6 +109,10 @@ class ForceKind:
     def driven(self) -> bool:
         """True if the elements can have an input."""
         return _follows_inputs(self.spec)
+
+    def feeds(self, spec: Spec) -> bool:
+        """True for an element whose whole power is work from outside (negative dissipation), what it loses included."""
+        return self.active or (self.supplies and bool(getattr(spec, 'input', None)))
 
     def column(self, name: str) -> int:
         """Index of an output column. Raises ValueError for an unknown name."""

@@ -234,6 +234,7 @@ SERVOS = ForceKind(
     compile=compile_servos,
     kernel=servo_forces,
     outputs=OUTPUTS,
+    active=True,
     effort=('force', 'force', 'motor'),
     approach=approached,
 )

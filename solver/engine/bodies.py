@@ -19,11 +19,11 @@ from solver.model.saddle import new_saddle
 from solver.model.scale import slow_speed
 from solver.model.state import State, copy_state, fill_kinematics, fitting, kinematics_of, new_state
 from solver.model.tables import Model
-from solver.output.account import Account
+from solver.output.account import Account, require_account
 from solver.output.branches import BranchSwitch, BranchWatch, switches_before
 from solver.output.collect import channels_of, collect
 from solver.output.dependence import describe, scaled_jacobian
-from solver.output.energy import update_energy
+from solver.output.energy import show_energies, update_energy
 from solver.output.snapshot import OutputArrays, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
 from solver.start.displacement import displace, require_free, require_near, sight
@@ -52,7 +52,8 @@ class Bodies:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.model: Model = prepare(scene.model)
-        self.channels = channels_of(self.model, motions=scene.record.motions > 0.0)
+        record = scene.record
+        self.channels = channels_of(self.model, motions=record.motions > 0.0, energies=record.energies > 0.0)
         self.chassis = self.channels.chassis or 0
         self.settings: IntegratorSettings = scene.integrator
         if self.settings.step_policy == 'auto':
@@ -181,7 +182,7 @@ class Bodies:
         if self not in kept:
             account = self.account.numbers.copy()
             self.show(u)
-            self.account.numbers[:] = account
+            self.take_account(account)
             kept[self] = [array.copy() for array in self._visible]
         for array, copy in zip(self._visible, kept[self], strict=True):
             np.copyto(array, copy)
@@ -212,6 +213,11 @@ class Bodies:
         w.marks[:] = 0.0
         self.collect(u)
 
+    def take_account(self, numbers: np.ndarray) -> None:
+        """Go on with the numbers of an account of the state that is shown, and show its energies."""
+        self.account.numbers[:] = numbers
+        show_energies.py_func(self.account, self._frame.value)
+
     def keep_account(self, h: float) -> None:
         """Advance the energy balance by a step of h [s] that led to the state that is shown; 0 begins it."""
         w = self.work
@@ -222,7 +228,7 @@ class Bodies:
         w = self.work
         collect(
             self.model.tables, w.chassis, self.kin, w.a_out, w.lam_out, w.marks, u, self.states[0], self.outputs,
-            self._frame,
+            self._account, self._frame,
         )  # fmt: skip
 
     def look(self, t: float) -> None:
@@ -265,7 +271,7 @@ class Bodies:
     def fit(self, saved: Mapping[str, np.ndarray]) -> Callable[[], None]:
         """Function that takes up arrays(). Raises SpecError where they are of another model."""
         state = State(*(fitting(name, saved.get(name), array) for name, array in self.state._asdict().items()))
-        fitting('audit', saved.get('audit'), self.account.numbers)
+        require_account(saved.get('audit'), self.account)
         past = switches_before(saved)
         watch = BranchWatch() if self.branches is not None else None
         if watch is not None:

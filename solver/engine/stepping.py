@@ -95,7 +95,7 @@ class Stepping:
         """Show the present state; the account goes on."""
         kept = self.shown.account.numbers.copy()
         self.shown.show(u)
-        self.shown.account.numbers[:] = kept
+        self.shown.take_account(kept)
 
     def advance(
         self,

@@ -51,9 +51,19 @@ from solver.levels.track_tables import (
 from solver.model.evaluate import prepare
 from solver.model.frames import matrix
 from solver.model.state import fitting
-from solver.output.account import Account, new_account
+from solver.output.account import Account, new_account, require_account
+from solver.output.energy import show_energies
 from solver.output.seen import Seen
-from solver.output.snapshot import NO_STEPS, Channels, Counters, OutputArrays, layout_of, new_numbers, output_arrays
+from solver.output.snapshot import (
+    ENERGIES,
+    NO_STEPS,
+    Channels,
+    Counters,
+    OutputArrays,
+    layout_of,
+    new_numbers,
+    output_arrays,
+)
 from solver.scene import Scene
 from solver.start.displacement import require_near, require_uniform
 from solver.start.placement import Changes
@@ -91,12 +101,12 @@ def _heights(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad) -> tuple[f
     return float(height.min()), float(height.max())
 
 
-def channels_of(inputs: tuple[str, ...], chassis: str) -> Channels:
+def channels_of(inputs: tuple[str, ...], chassis: str, *, energies: bool = False) -> Channels:
     """Names of everything a Snapshot of this level holds."""
     return Channels(
         joints=('steering_wheel', *WHEELS), joint_kinds=('rotation',) * 5, bodies=(chassis,), wheels=(), inputs=inputs,
         elements=ELEMENTS,
-        reactions=(), chassis=0,
+        reactions=(), chassis=0, energies=ENERGIES if energies else (),
     )  # fmt: skip
 
 
@@ -106,12 +116,13 @@ def new_frame(n_inputs: int) -> OutputArrays:
     return output_arrays(new_numbers(layout), layout)
 
 
-def new_scratch() -> Ref:
-    """Scratch of a step, by reference."""
+def new_scratch(*, energies: bool = False) -> Ref:
+    """Scratch of a step, by reference. energies: its account is one that shows them."""
     row = lambda: np.zeros(SIZE)  # noqa: E731
     work = SingleTrackWork(
         rates=row(), start=row(), k1=row(), k2=row(), between=row(), stiff=np.zeros((2, 8)), stiff_2=np.zeros((2, 8)),
-        told=np.zeros(TOLD), reached=np.zeros((len(REACHED), 2)), steered=np.zeros(2), account=new_account(0, 0),
+        told=np.zeros(TOLD), reached=np.zeros((len(REACHED), 2)), steered=np.zeros(2),
+        account=new_account(0, 0, flow=energies),
     )  # fmt: skip
     return Ref(work)
 
@@ -189,11 +200,12 @@ class SingleTrack:
         self.h = scene.integrator.h_ns * 1e-9
         names = scene.model.inputs
         self.index = np.array([names.index(name) for name in COMMANDS])
-        self.channels = channels_of(names, scene.model.chassis or 'chassis')
+        energies = scene.record.energies > 0.0
+        self.channels = channels_of(names, scene.model.chassis or 'chassis', energies=energies)
         self.layout = layout_of(self.channels)
         self.numbers = new_numbers(self.layout)
         self.frame = Ref(output_arrays(self.numbers, self.layout))
-        self.scratch = new_scratch()
+        self.scratch = new_scratch(energies=energies)
         x, y, yaw = self._place()
         self.tables = Ref(tables_of(parameters, scene, yaw, x, y))
         self.parts = max(1, math.ceil(self.h / LONGEST - 1e-9))
@@ -365,7 +377,8 @@ class SingleTrack:
         if 'single_track' not in saved or saved['single_track'].shape != self.y.shape:
             raise SpecError('restore: the saved state is of another model than this one of level single_track')
         w = self.scratch
-        for name, array in (('audit', w.account.numbers), ('reached', w.reached), ('steered', w.steered)):
+        require_account(saved.get('audit'), w.account)
+        for name, array in (('reached', w.reached), ('steered', w.steered)):
             fitting(name, saved.get(name), array)
         slippery = fitting('slippery', saved.get('slippery'), self._slippery)
 
@@ -374,6 +387,7 @@ class SingleTrack:
             self.begin(k, u)
             self.y[:] = saved['single_track']  # what was lost so far is part of it
             w.account.numbers[:], w.reached[:], w.steered[:] = saved['audit'], saved['reached'], saved['steered']
+            show_energies.py_func(w.account, self.frame.value)
             self._slippery[:] = slippery
 
         return take_up

@@ -23,6 +23,7 @@ from solver.levels.track_tables import (
     ROLL_RATE,
     SHIFT,
     SPIN,
+    SUPPLIED,
     TURN_F,
     VX,
     VY,
@@ -32,7 +33,7 @@ from solver.levels.track_tables import (
     X,
     Y,
 )
-from solver.output.energy import widen
+from solver.output.energy import show_energies, widen
 
 
 @kernel(inner=True)
@@ -51,6 +52,8 @@ def keep_account(told, y, h, account):
     account.work[0] = y[LOSS]
     account.gross[0] = y[GROSS]
     account.energy[0] = energy
+    if account.flow.shape[0] > 0:
+        account.flow[0], account.flow[2] = told[SUPPLIED], kinetic
     widen(account.kinetic, kinetic)
     widen(account.potential, potential)
     account.speed[0] = max(account.speed[0], abs(y[VX]), abs(y[VY]))
@@ -93,9 +96,9 @@ def unrolled(v, ct, st, cr, sr):
 
 
 @kernel(inner=True)
-def show(t, y, rates, told, steering, u, frame):
+def show(t, y, rates, told, steering, u, account, frame):
     """Assign the OutputArrays of a state: joints steering_wheel and the wheels in the order front left, right, rear
-    left, right."""
+    left, right; energies from the account."""
     m = t.mounting
     c = np.cos(y[YAW])
     s = np.sin(y[YAW])
@@ -154,3 +157,4 @@ def show(t, y, rates, told, steering, u, frame):
     frame.elements[2 * len(AXLE_COLUMNS)] = told[DRAG]
     for i in range(u.shape[0]):
         frame.inputs[i] = u[i]
+    show_energies(account, frame)

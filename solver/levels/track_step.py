@@ -66,6 +66,7 @@ from solver.levels.track_tables import (
     SHIFT,
     SIZE,
     SPIN,
+    SUPPLIED,
     VX,
     VY,
     WHEEL_TORQUE,
@@ -166,6 +167,7 @@ def evaluate(t, y, steering, drive, brake, rates, stiff, told):
     rates[LOSS] = (
         contact + contact_2 + braked + braked_2 + turned + rolled + dragged - driving - front_drive - rear_drive
     )
+    told[SUPPLIED] = driving + front_drive + rear_drive
     rates[GROSS] = (
         abs(contact) + abs(contact_2) + abs(braked) + abs(braked_2) + turned + rolled + dragged
         + abs(driving) + abs(front_drive) + abs(rear_drive)
@@ -219,6 +221,7 @@ def step(t, y, before, after, drive, brake, h, parts, w):
     gh = GAMMA * part
     for i in range(SIZE):
         w.start[i] = y[i]
+    exchanged = 0.0 * y[LOSS]
     for n in range(parts):
         here = _steering(before, after, n / parts, h)
         there = _steering(before, after, (n + 1) / parts, h)
@@ -226,7 +229,9 @@ def step(t, y, before, after, drive, brake, h, parts, w):
         _solved(w.stiff, t.body.lag, gh, w.k1)
         for i in range(SIZE):
             w.between[i] = y[i] + part * w.k1[i]
+        exchanged += 0.5 * part * w.told[SUPPLIED]
         evaluate(t, w.between, there, drive, brake, w.k2, w.stiff_2, w.told)
+        exchanged += 0.5 * part * w.told[SUPPLIED]
         for i in range(SIZE):
             w.k2[i] -= 2.0 * w.k1[i]
         _solved(w.stiff, t.body.lag, gh, w.k2)
@@ -236,6 +241,8 @@ def step(t, y, before, after, drive, brake, h, parts, w):
     for i in range(SIZE):
         total += y[i]
     if np.isfinite(total):
+        if w.account.flow.shape[0] > 0:
+            w.account.flow[1] += exchanged
         return True
     for i in range(SIZE):
         y[i] = w.start[i]
@@ -266,7 +273,7 @@ def start(t, y, u, index, w, frame):
     keep_account(w.told, y, 0.0, w.account)
     w.reached[:] = 0.0
     w.steered[:] = 0.0
-    show(t, y, w.rates, w.told, steering, u, frame)
+    show(t, y, w.rates, w.told, steering, u, w.account, frame)
 
 
 @kernel(inline=True)
@@ -293,7 +300,7 @@ def advance_once(t, y, u_before, u, index, audit, shown, h, parts, w):
 @kernel(borrow=True)
 def show_end(t, y, u, index, w, frame):
     """Fill the outputs of a state that advance_once() has led to with the inputs u."""
-    show(t, y, w.rates, w.told, wheel_of(u, index), u, frame)
+    show(t, y, w.rates, w.told, wheel_of(u, index), u, w.account, frame)
 
 
 @kernel(borrow=True)
@@ -314,7 +321,7 @@ def advance(t, y, inputs, index, u_before, first, count, audit, h, parts, w, fra
         if not advance_once(t, y, u_before, u, index, audit, audit or k == count - 1, h, parts, w):
             return 2, k
     if count > 0:
-        show(t, y, w.rates, w.told, wheel_of(u_before, index), u_before, frame)
+        show(t, y, w.rates, w.told, wheel_of(u_before, index), u_before, w.account, frame)
     return 0, count
 
 

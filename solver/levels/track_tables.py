@@ -21,8 +21,8 @@ SIZE = 24
 # What evaluate() tells beside the rates: of each axle AXLE_COLUMNS, then these
 AXLE_COLUMNS = ('fx', 'fy', 'fz', 'slip', 'slip_angle', 'brake_torque')
 FX, FY, FZ, KAPPA, ALPHA, BRAKE = range(6)
-WHEEL_TORQUE, ENERGY, KINETIC, FRICTION_GAP, DRAG, SATURATION = range(12, 18)
-TOLD = 18
+WHEEL_TORQUE, ENERGY, KINETIC, FRICTION_GAP, DRAG, SATURATION, SUPPLIED = range(12, 19)
+TOLD = 19
 
 # What was largest so far: value and time of each
 REACHED = ('lateral acceleration', 'slip angle', 'slip', 'friction difference', 'combined acceleration')

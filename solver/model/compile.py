@@ -11,7 +11,7 @@ from solver.compiled.by_reference import Ref
 from solver.compiled.portable import inverse, norms, principal_moments
 from solver.elements.coordinate import CoordinateSpec, compile_coordinates, evaluate_coordinate
 from solver.elements.joint import JointSpec
-from solver.elements.kind import ForceKind
+from solver.elements.kind import FIRST_OUTPUTS, ForceKind
 from solver.elements.laws import Law, compile_laws
 from solver.elements.marker import WORLD, ConstraintSpec, Marker, PlacedMarker
 from solver.elements.registry import CONSTRAINTS, FORCES
@@ -188,7 +188,7 @@ def compile_model(spec: ModelSpec) -> Model:
     context = _Context(spec)
     elements: dict[str, Ref] = {}
     constraint_kinds, driven, drives = _compile_constraints(context, elements)
-    forces, effort, internal_bodies = _compile_forces(context, elements, drives)
+    forces, effort, fed, internal_bodies = _compile_forces(context, elements, drives)
     constraints = context.groups.table(driven)
     n_slots = len(context.slots)
     block_row = np.zeros(n_slots + 1, np.int64)
@@ -232,6 +232,7 @@ def compile_model(spec: ModelSpec) -> Model:
             laws=compile_laws(context.laws),
             effort=effort,
             drives=drives,
+            fed=fed,
             condensed=plan_elimination(nb, context.slots),
             block=plan_elimination(nb + groups, block_slots, wait_for, follow),
         )
@@ -288,13 +289,16 @@ def _compile_constraints(
     return kinds, driven, _effort_table(drives)
 
 
+DISSIPATION = FIRST_OUTPUTS.index('dissipation')  # its column
+
+
 def _compile_forces(
     context: _Context, elements: dict[str, Ref], drives: EffortTable
-) -> tuple[np.ndarray, EffortTable, tuple[int, ...]]:
-    """(forces of Tables without addresses, efforts, bodies whose motion internal states depend on); adds the tables to
-    elements."""
+) -> tuple[np.ndarray, EffortTable, np.ndarray, tuple[int, ...]]:
+    """(forces of Tables without addresses, efforts, outputs of work from outside, bodies whose motion internal states
+    depend on); adds the tables to elements."""
     forces = np.zeros((len(FORCES), 8), np.int64)
-    efforts = []
+    efforts, fed = [], []
     driven = _driven_alone(drives)
     internal_bodies: set[int] = set()
     start = 0
@@ -312,8 +316,9 @@ def _compile_forces(
         row[PEAK] = -1 if kind.peak is None else kind.column(kind.peak)
         if kind.effort is not None and specs:
             efforts += [row for row in _efforts(kind, table, start) if row[1] not in driven]
+        fed += [start + e * width + DISSIPATION for e, spec in enumerate(specs) if kind.feeds(spec)]
         start += len(specs) * width
-    return forces, _effort_table(efforts), tuple(sorted(internal_bodies))
+    return forces, _effort_table(efforts), np.array(fed, np.int64), tuple(sorted(internal_bodies))
 
 
 def _effort_table(rows: list[tuple[int, int, float]]) -> EffortTable:

@@ -67,6 +67,7 @@ class Tables(NamedTuple):
     constraints: ConstraintTable
     laws: LawTable
     effort: EffortTable
+    fed: np.ndarray  # (m,) outputs of a `dissipation` that is work from outside (ForceKind.feeds)
     drives: EffortTable  # rows that prescribe a motion (`output` is the row) and the coordinates they drive
     condensed: Elimination  # of the n x n form
     block: Elimination  # of the block form

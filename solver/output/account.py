@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.memory import zeros
+from solver.errors import SpecError
+from solver.model.state import fitting
 
 
 class Account(NamedTuple):
@@ -70,9 +72,12 @@ class Account(NamedTuple):
     axis: np.ndarray
     peak: np.ndarray  # (elements with a peak, 2) largest value of that output, its time [s]
     trace: np.ndarray  # (tires, TRACE) memory of solver.output.shake [N]
+    # (0 or 3,) where energies are shown: power from outside now [W], its integral [J], kinetic energy now [J]
+    flow: np.ndarray
 
 
 NOTED = (3,)
+FLOW = (3,)
 TRACE = 12  # numbers that solver.output.shake keeps of a tire
 SHAPES: dict[str, tuple[int, ...]] = {  # field -> shape, where that is neither (1,) nor depends on the model
     'kinetic': (2,), 'potential': (2,), 'residual': NOTED, 'position': NOTED, 'velocity': NOTED, 'turn': NOTED,
@@ -81,8 +86,9 @@ SHAPES: dict[str, tuple[int, ...]] = {  # field -> shape, where that is neither 
 }  # fmt: skip
 
 
-def new_account(bodies: int, peaks: int, tires: int = 0) -> Account:
-    """An empty account of so many bodies, elements with a peak output (ForceKind.peak) and tires."""
+def new_account(bodies: int, peaks: int, tires: int = 0, *, flow: bool = False) -> Account:
+    """An empty account of so many bodies, elements with a peak output (ForceKind.peak) and tires. flow: with the
+    numbers that energies are shown from."""
     shapes = {
         **SHAPES,
         'twist': (bodies, 2, 6),
@@ -90,12 +96,24 @@ def new_account(bodies: int, peaks: int, tires: int = 0) -> Account:
         'axis': (bodies, 4),
         'peak': (peaks, 2),
         'trace': (tires, TRACE),
+        'flow': FLOW if flow else (0,),
     }
     fields = {name: shapes.get(name, (1,)) for name in Account._fields[1:]}
     ends = np.cumsum([prod(shape) for shape in fields.values()])
     numbers = zeros(int(ends[-1]))
     views = np.split(numbers, ends[:-1])
     return Account(numbers, *(view.reshape(shape) for view, shape in zip(views, fields.values(), strict=True)))
+
+
+def require_account(saved: np.ndarray | None, account: Account) -> np.ndarray:
+    """The numbers of a saved account, which must be like this one. Raises SpecError."""
+    if saved is not None and abs(saved.size - account.numbers.size) == prod(FLOW):
+        had, now = ('without', 'with') if account.flow.size else ('with', 'without')
+        raise SpecError(
+            f'restore: the state was saved {had} record.energies, and this scene is {now}: the energy exchanged so far '
+            'is part of a state; set record.energies as it was'
+        )
+    return fitting('audit', saved, account.numbers)
 
 
 def noted(row: np.ndarray) -> tuple[float, float, int]:

@@ -11,13 +11,15 @@ from solver.elements.kind import FIRST_OUTPUTS
 from solver.elements.point_pair import angular_velocity, linear_velocity
 from solver.elements.registry import FORCES
 from solver.model.tables import Model
-from solver.output.snapshot import Channels
+from solver.output.energy import show_energies
+from solver.output.snapshot import ENERGIES, Channels
 
 FIRST_COLUMN = len(FIRST_OUTPUTS)  # of the outputs of a wheel that its topics show
 
 
-def channels_of(model: Model, *, motions: bool = False) -> Channels:
-    """Names of everything a Snapshot of this model holds. motions: the accelerations of all bodies too."""
+def channels_of(model: Model, *, motions: bool = False, energies: bool = False) -> Channels:
+    """Names of everything a Snapshot of this model holds. motions: the accelerations of all bodies too; energies: those
+    of the account."""
     spec = model.spec
     return Channels(
         joints=model.coordinate_names,
@@ -35,6 +37,7 @@ def channels_of(model: Model, *, motions: bool = False) -> Channels:
         reactions=model.row_names,
         chassis=model.body_names.index(spec.chassis) if spec.chassis else 0,
         moving=model.body_names if motions else (),
+        energies=ENERGIES if energies else (),
     )
 
 
@@ -50,9 +53,10 @@ def hide(drives, marks, frame):
 
 
 @kernel(borrow=True)
-def collect(tables, chassis, kin, a, lam, marks, u, state, outputs, frame):
+def collect(tables, chassis, kin, a, lam, marks, u, state, outputs, account, frame):
     """Assign the OutputArrays of a state: kin and a (nb + 1, 6) are those of the outputs, lam (nc,) and u (nu,) what
     was applied. marks (nc + 1,): reactions that the motion does not determine, and their number; they are shown as NaN.
+    account: of this state, where energies are shown.
     """
     x = tables.coordinates
     for k in range(x.kind.shape[0]):
@@ -105,5 +109,6 @@ def collect(tables, chassis, kin, a, lam, marks, u, state, outputs, frame):
         frame.reactions[i] = lam[i]
     for i in range(u.shape[0]):
         frame.inputs[i] = u[i]
+    show_energies(account, frame)
     if marks[-1] != 0.0:
         hide(tables.drives, marks, frame)

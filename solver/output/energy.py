@@ -162,6 +162,7 @@ def update_energy(tables, kin, outputs, lam, phi_t, h, account):
     account.time[0] += h
     _note_ranges(tables.bodies, kin.v, account)
     energy, kinetic, loss, magnitude = mechanical_energy(tables, kin, outputs, h, account)
+    supplied = power_from_outside(tables, outputs, lam, phi_t) if account.flow.shape[0] > 0 else 0.0
     dissipated = 0.5 * h * (magnitude + loss)  # without what is supplied, whose share of both cancels
     if dissipated > 0.0 and account.swayed[0] > 0.0:
         forgotten = 0.5 * dissipated / account.swayed[0]  # amplitudes go with the root of the energy
@@ -184,9 +185,38 @@ def update_energy(tables, kin, outputs, lam, phi_t, h, account):
         error = abs(energy - account.reference[0] + account.work[0])
         if error > account.worst[0]:
             account.worst[0], account.worst_at[0] = error, account.time[0]
+    if account.flow.shape[0] > 0:
+        account.flow[1] += 0.5 * h * (supplied + account.flow[0])
+        account.flow[0], account.flow[2] = supplied, kinetic
     account.power[0] = loss
     account.gross_power[0] = magnitude
     account.energy[0] = energy
+
+
+@kernel(inner=True)
+def power_from_outside(tables, outputs, lam, phi_t):
+    """Power [W] of elements that feed the mechanics (ForceKind.feeds), and of imposed motions."""
+    power = 0.0
+    for i in tables.fed:
+        power -= outputs[i]
+    for i in range(lam.shape[0]):
+        power -= lam[i] * phi_t[i]
+    return power
+
+
+@kernel(inner=True)
+def show_energies(account, frame):
+    """Assign the energies of a frame (solver.output.snapshot.ENERGIES), where it shows any.
+
+    Lost is what the account says is lost less supplied, and what was supplied.
+    """
+    if frame.energies.shape[0] > 0:
+        kinetic, exchanged, shown = account.flow[2], account.flow[1], frame.energies
+        shown[0] = kinetic
+        shown[1] = account.energy[0] - kinetic
+        shown[2] = account.work[0] + exchanged
+        shown[3] = exchanged
+        shown[4] = account.energy[0] - account.reference[0] + account.work[0]
 
 
 @kernel(inner=True)
@@ -204,13 +234,15 @@ def power_now(tables, outputs, lam, phi_t):
 
 
 @kernel(inner=True)
-def refine_work(account, h, before, middle, worst, at):
+def refine_work(account, h, before, middle, supplied, worst, at):
     """Replace the trapezoidal rule by Simpson's rule in the work of the last step, h [s].
 
-    before, middle: power at the beginning and in the middle of the step [W]. worst, at: largest error [J] and its time
-    [s] before that step.
+    before, middle: power at the beginning and in the middle of the step [W]; supplied: from outside, the same two.
+    worst, at: largest error [J] and its time [s] before that step.
     """
     account.work[0] += h / 6.0 * (4.0 * middle - 2.0 * (before + account.power[0]))
+    if account.flow.shape[0] > 0:
+        account.flow[1] += h / 6.0 * (4.0 * supplied[1] - 2.0 * (supplied[0] + account.flow[0]))
     error = abs(account.energy[0] - account.reference[0] + account.work[0])
     account.worst[0], account.worst_at[0] = worst, at
     if error > worst:

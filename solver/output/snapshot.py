@@ -59,6 +59,12 @@ class Channels:
     reactions: tuple[str, ...]  # '<joint>/<row>' of every constraint row
     chassis: int | None  # index into bodies of the body that odom and imu describe
     moving: tuple[str, ...] = ()  # bodies whose accelerations are shown: all or none
+    energies: tuple[str, ...] = ()  # ENERGIES, or none
+
+
+# Energies of a run [J] since its account began: of motion, in gravity and elements, lost in elements, the work from
+# outside (ForceKind.feeds and imposed motions), and the error of their balance.
+ENERGIES = ('kinetic', 'potential', 'dissipated', 'exchanged', 'error')
 
 
 class OutputArrays(NamedTuple):
@@ -78,6 +84,7 @@ class OutputArrays(NamedTuple):
     reactions: np.ndarray  # (nc,)
     # (nb or 0, 6) of that frame's origin, and angular, both expressed in the body [m/s^2, rad/s^2]
     acceleration: np.ndarray
+    energies: np.ndarray  # (5 or 0,) ENERGIES [J]
 
 
 # fields that may be NaN, where the motion does not determine them (solver.output.undetermined)
@@ -99,7 +106,7 @@ def layout_of(channels: Channels) -> Layout:
         (len(channels.wheels), len(TIRE_COLUMNS)),
         *rest,
     ]
-    shapes.append((len(channels.moving), 6))
+    shapes += [(len(channels.moving), 6), (len(channels.energies),)]
     ends = np.cumsum([math.prod(shape) for shape in shapes]).tolist()
     return {
         name: (slice(end - math.prod(shape), end), shape)
@@ -200,3 +207,9 @@ class Snapshot(NamedTuple):
         """(nb or 0, 6) acceleration of every body's origin [m/s^2] and angular acceleration [rad/s^2], in the body;
         where asked for."""
         return self._field('acceleration')
+
+    @property
+    def energies(self) -> np.ndarray:
+        """(5 or 0,) kinetic, potential, dissipated and exchanged energy, and the error of their balance [J], in the
+        order of Channels.energies; where asked for."""
+        return self._field('energies')

@@ -154,7 +154,7 @@ class Following:
             self.shown.branches = None  # it goes on from what was saved
             self.begin(k, u)
             self.shown.branches = watch
-            self.shown.account.numbers[:] = saved['audit']
+            self.shown.take_account(saved['audit'])
 
         return take_up
 

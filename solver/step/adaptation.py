@@ -40,7 +40,7 @@ class Adaptation:
         self, model: Model, settings: IntegratorSettings, scheme: Ref, work: Ref, hold: float, fourth: int
     ) -> None:
         self.model, self.scheme, self.work = model, scheme, work
-        self.control = new_control(model, settings, hold, fourth)
+        self.control = new_control(model, settings, hold, fourth, work.account.numbers.size)
         self.events: list[Event] = []
         self.noted = 0  # events since start(), also those of the run that saved the state this one goes on from
         self.smallest = np.inf  # step that was changed to since then [s]

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from solver.compiled.by_reference import assign
 from solver.compiled.kernel import NO, invoke, kernel
-from solver.output.energy import power_now, refine_work
+from solver.output.energy import power_from_outside, power_now, refine_work
 from solver.output.snapshot import Counters
 from solver.step.augmented_lagrangian import keep_account
 from solver.step.control import copy_table, copy_vector
@@ -144,7 +144,10 @@ def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, last, aud
     one = last_result(work)
     if one.status != OK:
         return _judged(one, total, 0.0)
-    power = power_now(tables, work.outputs, work.lam_out, work.phi_t) if fourth and audit else 0.0
+    power, fed = 0.0, 0.0
+    if fourth and audit:
+        power = power_now(tables, work.outputs, work.lam_out, work.phi_t)
+        fed = power_from_outside(tables, work.outputs, work.lam_out, work.phi_t)
     follow = hold - (1.0 - end)
     shown = outputs and not fourth
     total = added(total, take(tables, c, control, half, first, new, second, h, u, t + h, shown, kept, follow, work))
@@ -170,9 +173,9 @@ def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, last, aud
         if audit:
             account = work.account
             before, worst, at = account.power[0], account.worst[0], account.worst_at[0]
-            n = added(both, end_state.counters)
+            n, fed_before = added(both, end_state.counters), account.flow[0] if account.flow.shape[0] > 0 else 0.0
             keep_account(tables, c, 2.0 * h, 2, follow, half, new, u, n, work)
-            refine_work(account, 2.0 * h, before, power, worst, at)
+            refine_work(account, 2.0 * h, before, power, (fed_before, fed), worst, at)
     return Attempt(OK, 0, most, both.stagnated > 0, error / (2.0 * h), total)
 
 

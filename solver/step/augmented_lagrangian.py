@@ -283,5 +283,6 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
         w = work
         if not audit:
             w.marks[-1] = 0.0
-        collect(tables, w.chassis, w.kin_end, w.a_out, w.lam_out, w.marks, u, old, w.outputs, w.arrays)
+        shown = w.outputs, w.account, w.arrays
+        collect(tables, w.chassis, w.kin_end, w.a_out, w.lam_out, w.marks, u, old, *shown)
     return StepResult(OK, 0, total), count

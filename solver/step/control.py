@@ -12,7 +12,6 @@ from solver.compiled.kernel import kernel
 from solver.inputs.maneuver import ACCELERATION, RATE, is_motion
 from solver.model.saddle import CONDENSED, Saddle, new_saddle
 from solver.model.state import State, new_state
-from solver.output.account import new_account
 from solver.step.settings import IntegratorSettings
 
 RAISE = 10.0  # factor by which a penalty changes at a time; ten times as much passes over penalties that would do
@@ -119,8 +118,8 @@ def new_history(model) -> History:
     return History(np.zeros(2), np.zeros((model.n_bodies + 1, 6)), np.zeros(model.n_internal))
 
 
-def new_control(model, settings: IntegratorSettings, hold: float, fourth: int) -> Ref:
-    """Allocate for a model (Control, by reference). hold, fourth: see there."""
+def new_control(model, settings: IntegratorSettings, hold: float, fourth: int, size: int) -> Ref:
+    """Allocate for a model (Control, by reference). hold, fourth: see there. size: numbers of its account."""
     nb, nc, nz, names = model.n_bodies, model.n_rows, model.n_internal, model.spec.inputs
     by_error, adaptive = settings.step_policy == 'error', settings.penalty_policy == 'adaptive'
     motions = [n for n in names if is_motion(n, names)]
@@ -130,10 +129,9 @@ def new_control(model, settings: IntegratorSettings, hold: float, fourth: int) -
     if not fourth:
         masses = Saddle(*(np.zeros((1, *array.shape[1:])) for array in masses))
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
-    account = lambda: new_account(nb, model.n_peaks, len(model.spec.tires)).numbers  # noqa: E731
     kept = Kept(
-        memory=np.zeros(5), history=new_history(model), penalty=np.zeros(nc), account=account(),
-        account_before=account(),
+        memory=np.zeros(5), history=new_history(model), penalty=np.zeros(nc), account=np.zeros(size),
+        account_before=np.zeros(size),
         penalty_before=np.zeros(nc), v=six(), a=six(), zd=np.zeros(nz), v_full=six(),
     )  # fmt: skip
     control = Control(

@@ -178,7 +178,7 @@ def new_work(model, saddle: Saddle, outputs: np.ndarray, arrays: OutputArrays) -
         J_end=zeros((ne + 1, 6, 6)), J_stage=zeros((ne + 1, 6, 6)),
         J_before=zeros((ne + 1, 6, 6)), zp=zeros(nz), z_stage=zeros(nz),
         saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), marks=zeros(nc + 1),
-        account=new_account(nb, model.n_peaks, len(model.spec.tires)),
+        account=new_account(nb, model.n_peaks, len(model.spec.tires), flow=arrays.energies.size > 0),
         u_force=forces, u_before=zeros(len(forces)), u_end=zeros(len(forces)), outputs_end=outputs.copy(),
         augmentation=new_augmentation(model, row_length),
         formulation=new_formulation(model),
