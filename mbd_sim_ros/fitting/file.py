@@ -208,7 +208,7 @@ def _quoted(node: object) -> None:
 
 def _measured(text: str, unit: str) -> tuple[float, str]:
     """As solver.units.measured, which does not know all units of the data of vehicles."""
-    number = text.strip().removesuffix(unit).strip() if unit else ''
+    number = text.strip().removesuffix(unit).strip() if unit not in ('', '1') else ''  # the end of 1.1 is no unit
     try:
         return float(number), unit
     except ValueError:

@@ -21,8 +21,18 @@ LATE = 6.0  # sd of a delay from which it is a fault; with ten times as many 1 s
 ALIKE = 0.8  # correlation from which a delay is believed; from 0.08 on noise has one
 # s by which delays of one recording may differ, of a passenger car; ten times as much hides a clock that drifts
 DRIFT = 0.08
+AGREE = (
+    0.5  # part of a delay by which windows may differ about it; ten times as much takes a wrong car for a late clock
+)
+# probability of a slope of the delays that scatters from window to window; with ten times as much one good recording in
+# a hundred has a clock that drifts
+CHANCE = 1e-3
 CHANGES = 0.2  # part of its RMS by which a signal must change to be looked at; ten times as much looks at none
 OFF = 1.6  # factor of a scale that no car of the class explains; 16 lets degrees pass for percent
+# The same of a signal that is a small difference of two terms, of geometry and of the rear tires: a class of tires
+# moves it by a factor of two; 40 lets degrees pass for radians
+OFF_OF_DIFFERENCE = 4.0
+DIFFERENCES = ('sideslip', 'lateral_velocity')
 QUICK = ('yaw_rate', 'lateral_acceleration', 'roll_rate', 'sideslip', 'lateral_velocity', 'roll')
 
 
@@ -121,16 +131,23 @@ def _look(problem: Problem, recording: str, own: dict[str, list[Seen]], time: fl
         delays[name] = (mean(some, 'delay') - centre, allowed)
     for name, some in clear.items():
         if len(some) >= 3:
+            from scipy.stats import t as student
+
             at, late = np.array([one.middle for one in some]), np.array([one.delay for one in some])
             slope, first = np.polyfit(at, late, 1)
-            scatter = float(np.std(late - slope * at - first))
             span = float(at[-1] - at[0])
-            if abs(slope) * span > max(DRIFT * time, 4.0 * scatter):
+            rest = float(np.sum((late - slope * at - first) ** 2)) / (at.size - 2)
+            sure = float(student.ppf(1.0 - 0.5 * CHANCE, at.size - 2)) * (rest / np.sum((at - at.mean()) ** 2)) ** 0.5
+            if abs(slope) * span > DRIFT * time and abs(slope) > sure:
                 raise BagError(
                     f'recording {recording!r}: the clock of {name} drifts by {1e3 * slope:.2g} ms a second against '
                     f'that of the steering ({abs(slope) * span:.2g} s in all): stamp both by one clock'
                 )
-    late_all = [name for name, (delay, allowed) in delays.items() if abs(delay) > allowed]
+    late_all = [
+        name for name, (delay, allowed) in delays.items()
+        # a clock is late in all windows alike; where a wrong car leads, it leads in some and lags in others
+        if abs(delay) > allowed and float(np.std([one.delay for one in clear[name]])) < AGREE * abs(delay)
+    ]  # fmt: skip
     if late_all and len(late_all) == len(delays) and len(delays) > 1:
         delay = float(np.median([delays[name][0] for name in late_all]))
         raise BagError(
@@ -144,7 +161,8 @@ def _look(problem: Problem, recording: str, own: dict[str, list[Seen]], time: fl
             f'than such a sensor is: mend its stamps, or give its delay a value ({delay:.2f} s)'
         )
     factors = {name: mean(some, 'factor') for name, some in clear.items()}
-    far = {name: f for name, f in factors.items() if not 1.0 / OFF < f < OFF}
+    most = {name: OFF_OF_DIFFERENCE if name.partition('.')[0] in DIFFERENCES else OFF for name in factors}
+    far = {name: f for name, f in factors.items() if not 1.0 / most[name] < f < most[name]}
     if far and len(far) == len(factors) and len(far) > 1:
         raise BagError(
             f'recording {recording!r}: all signals are {float(np.median(list(far.values()))):.2g} times those of the '

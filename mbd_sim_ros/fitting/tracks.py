@@ -12,6 +12,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from solver.errors import MbdError, SceneError, SpecError
 from solver.levels import derive
 from solver.levels.single_track_engine import SingleTrack
 from solver.scene import Scene
@@ -31,15 +32,31 @@ class LinearTrack:
         self.centre = centre
         self.tables = self._derived(scene_of, centre)
         self.slopes: dict[str, Tables] = {} if before is None else before.slopes
-        for name, value in centre.items():
+        for name in centre:
             if name not in self.slopes:
-                step = PART * widths[name]
-                above, below = (self._derived(scene_of, {**centre, name: value + s * step}) for s in (1.0, -1.0))
-                self.slopes[name] = {
-                    group: {key: (numbers[key] - below[group][key]) / (2.0 * step) for key in numbers}
-                    for group, numbers in above.items()
-                }
+                self.slopes[name] = self._slope(scene_of, name, PART * widths[name])
         self._scene = derive(dataclasses.replace(scene_of(centre), fidelity='single_track'))
+
+    def _slope(self, scene_of: SceneOf, name: str, step: float) -> Tables:
+        """Derivatives of the tables by a number, from either side; where no vehicle has the number on one side, as an
+        inertia beyond the sum of both others, from the other one. Raises SceneError and SpecError where none has it on
+        both."""
+        sides: list[tuple[float, Tables]] = []
+        failed: MbdError | None = None
+        for moved in (step, -step):
+            try:
+                sides.append((moved, self._derived(scene_of, {**self.centre, name: self.centre[name] + moved})))
+            except (SceneError, SpecError) as error:
+                failed = error
+        if len(sides) < 2:
+            if not sides and failed is not None:
+                raise failed
+            sides.append((0.0, self.tables))
+        (a, above), (b, below) = sides
+        return {
+            group: {key: (numbers[key] - below[group][key]) / (a - b) for key in numbers}
+            for group, numbers in above.items()
+        }
 
     @staticmethod
     def _derived(scene_of: SceneOf, values: Mapping[str, float]) -> Tables:

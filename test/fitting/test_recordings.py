@@ -10,10 +10,11 @@ import pytest
 
 from mbd_sim_ros.fitting import recordings
 from mbd_sim_ros.fitting.driving import _lagged
-from mbd_sim_ros.fitting.file import Drive, Known, Like, Recording, Windows, load_file, sd_of
+from mbd_sim_ros.fitting.file import Drive, Known, Like, Recording, Windows, load_file, number_of, sd_of
 from mbd_sim_ros.fitting.recordings import Data, Track
 from mbd_sim_ros.fitting.sensors import Sensor
 from mbd_sim_ros.fitting.similar import total_mass, vehicle_like, yaml_of
+from mbd_sim_ros.fitting.tracks import LinearTrack
 from solver.errors import BagError, MbdError, SceneError, SpecError
 from solver.files.scene import load_scene_text
 
@@ -234,3 +235,35 @@ def test_files_that_are_refused(tmp_path: Path, change: str, sentence: str) -> N
     file.write_text('\n'.join(lines.values()))
     with pytest.raises((SceneError, MbdError), match=sentence):
         load_file(file)
+
+
+def test_numbers_that_end_in_one() -> None:
+    """A number without a unit is that number, whatever its last digit: 1 is no unit to be taken off."""
+    for words in (0.1, 1.1, '0.21', 1, '1e-1', 11):
+        assert sd_of(Known(sd=words), 'x', 2.0, '1', 0.3) == float(words)
+        assert number_of(words, 'x', '1') == float(words)
+    assert sd_of(Known(sd='1 %'), 'x', 2.0, '1', 0.3) == pytest.approx(0.02)
+    assert number_of('0.1 s', 'x', 's') == 0.1
+    with pytest.raises(SpecError, match=r'sd = 0\.0: must be > 0'):
+        sd_of(Known(sd=0.0), 'x', 2.0, '1', 0.3)
+
+
+def test_slopes_of_a_number_at_the_edge_of_what_a_vehicle_can_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no vehicle has a number on one side, the derivative is that of the other side; on neither, the error."""
+
+    bounds = [0.0, 20.0]
+
+    def derived(scene_of: object, values: dict[str, float]) -> dict[str, dict[str, float]]:
+        if not bounds[0] <= values['inertia'] <= bounds[1]:
+            raise SpecError('no body has these principal moments')
+        return {'all': {'mass': 3.0 * values['inertia'], 'other': 1.0}}
+
+    monkeypatch.setattr(LinearTrack, '_derived', staticmethod(derived))
+    track = LinearTrack.__new__(LinearTrack)
+    track.centre, track.tables = {'inertia': 10.0}, derived(None, {'inertia': 10.0})
+    for ends in ((0.0, 20.0), (0.0, 10.5), (9.5, 20.0)):
+        bounds[:] = ends
+        assert track._slope(lambda values: None, 'inertia', 1.0) == {'all': {'mass': 3.0, 'other': 0.0}}
+    bounds[:] = 9.5, 10.5
+    with pytest.raises(SpecError, match='principal moments'):
+        track._slope(lambda values: None, 'inertia', 1.0)

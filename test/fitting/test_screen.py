@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbd_sim_ros.fitting.recordings import Window
-from mbd_sim_ros.fitting.screen import _look, seen
+from mbd_sim_ros.fitting.screen import Seen, _look, seen
 from mbd_sim_ros.fitting.unknowns import Unknown
 from solver.errors import BagError
 
@@ -82,3 +82,42 @@ def test_another_drive() -> None:
     own = {'yaw_rate': [seen(given, t, signal(t) + 12.0 * smooth, np.cos(7.0 * t), w) for w in range(6)]}
     with pytest.raises(BagError, match='no signal goes with the steering'):
         _look(given, 'drive', own, 1.0)
+
+
+def told(delays: list[float], factors: list[float], name: str = 'yaw_rate') -> None:
+    """Look at windows of a signal with these delays and factors, correlated well."""
+    given = problem(len(delays))
+    own = [Seen(d, 0.98, 0.95, f, 12.0 * k + 7.0, 1.0) for k, (d, f) in enumerate(zip(delays, factors, strict=True))]
+    _look(given, 'drive', {name: own}, 1.0)
+
+
+def test_windows_that_disagree_are_no_late_clock() -> None:
+    """A vehicle that is far from the car leads in some windows; a sensor that is late is late in all of them."""
+    one = [1.0] * 5
+    told([-0.6, -0.05, -0.55, 0.0, -0.3], one)
+    told([0.5, 0.0, 0.5, -0.2, 0.3], one)
+    for late in ([0.28, 0.3, 0.31, 0.29, 0.3], [0.3, 0.3], [0.2, 0.3, 0.4, 0.3, 0.2]):
+        with pytest.raises(BagError, match=r'yaw_rate is 0.* s late'):
+            told(late, [1.0] * len(late))
+
+
+def test_delays_that_scatter_are_no_drift() -> None:
+    """Three windows nearly on a line, and more with a slope below their scatter, are chance; a slope beyond it is
+    none."""
+    told([0.0, 0.055, 0.1], [1.0] * 3)
+    told([0.06, -0.06, 0.04, -0.05, 0.09, 0.02], [1.0] * 6)
+    told([0.0, 0.05, 0.02, 0.07, 0.04, 0.1], [1.0] * 6)
+    with pytest.raises(BagError, match=r'drifts by 2.5 ms a second'):
+        told([0.0, 0.031, 0.06, 0.089, 0.12, 0.15], [1.0] * 6)
+
+
+def test_a_sideslip_of_other_tires_is_no_unit() -> None:
+    """Sideslip is a difference of geometry and tires: half and three times of it are no unit; degrees are one."""
+    for factor in (0.5, 0.3, 3.0):
+        told([0.0] * 3, [factor] * 3, 'sideslip')
+        told([0.0] * 3, [factor] * 3, 'lateral_velocity.second')
+    for name in ('sideslip', 'lateral_velocity'):
+        with pytest.raises(BagError, match='is its unit right'):
+            told([0.0] * 3, [57.3] * 3, name)
+    with pytest.raises(BagError, match='is its unit right'):
+        told([0.0] * 3, [0.5] * 3)
