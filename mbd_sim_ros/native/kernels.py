@@ -9,6 +9,7 @@ callers, without the entries for Python, which are all that needs an interpreter
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -27,7 +28,12 @@ from solver.step.constraint_coefficients import weigh
 from solver.step.extrapolation import extrapolate
 from solver.step.interval import advance_adapting
 
+# Parts of a module as LLVM writes it: entries for Python, names, functions that several modules have, and data.
 PYTHON_ENTRY = re.compile(r'^define [^\n]*@_ZN7cpython.*?^}\n', re.MULTILINE | re.DOTALL)
+GLOBAL_NAME = re.compile(r'@(?:"[^"\n]*"|[\w.$-]+)')
+SHARED = re.compile(r'^define linkonce_odr\b', re.MULTILINE)
+NUMBER = re.compile(r'B\d+v(\d+)(?=B\d+c8tJT)')  # as numba mangles it: behind its length
+DATA = re.compile(rf'^({GLOBAL_NAME.pattern}) = .*\n', re.MULTILINE)
 
 
 class Target(NamedTuple):
@@ -39,11 +45,15 @@ class Target(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """A compiled kernel. name: the same everywhere. symbol: of its code. result: numba's record of it."""
+    """A compiled kernel. name: the same everywhere. result: numba's record of it."""
 
     name: str
-    symbol: str
     result: Any
+
+    @property
+    def symbol(self) -> str:
+        """Its symbol in object code."""
+        return f'mbd_{re.sub("[^A-Za-z0-9_]", "_", self.name)}'
 
 
 def target(name: str) -> Target:
@@ -58,10 +68,8 @@ def compiled() -> dict[int, Kernel]:
     found = {}
     for dispatcher in _called():
         for arguments, result in dispatcher.overloads.items():
-            symbol = result.fndesc.llvm_func_name
-            found[result.library.get_pointer_to_function(symbol)] = Kernel(
-                name_of(dispatcher, arguments), symbol, result
-            )
+            address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+            found[address] = Kernel(name_of(dispatcher, arguments), result)
     return found
 
 
@@ -84,7 +92,7 @@ def _called() -> Iterator[Any]:
 def object_code(kernel: Kernel, wanted: Target, store: disk.Store) -> bytes:
     """Position-independent object code of a kernel for a target, in ELF; kept in the store."""
     surroundings = (wanted.processor, wanted.features, llvm.llvm_version_info, numba.__version__)
-    identity = disk.digest(kernel.name, kernel.symbol, repr(surroundings))
+    identity = disk.digest(kernel.name, repr(surroundings))
     name = f'{kernel.name[:150]}-{identity.hex()}'
     code = store.read(name, identity)
     if code is None:
@@ -95,12 +103,28 @@ def object_code(kernel: Kernel, wanted: Target, store: disk.Store) -> bytes:
 
 
 def _emitted(kernel: Kernel, wanted: Target) -> bytes:
-    module = llvm.parse_assembly(PYTHON_ENTRY.sub('', optimised(kernel.result)))
+    module = llvm.parse_assembly(_alone(kernel))
     module.get_function(kernel.symbol).linkage = 'external'
     machine = llvm.Target.from_triple(module.triple).create_target_machine(
         cpu=wanted.processor, features=wanted.features, opt=3, reloc='pic', codemodel='default'
     )
     return machine.emit_object(module)
+
+
+def _alone(kernel: Kernel) -> str:
+    """The optimised code of a kernel, without what a process of Python leaves in it.
+
+    numba numbers its symbols in the order in which a process compiles: here they have the order in which they are
+    named. Data that nobody uses is text that names them, for the entries for Python. Other functions in the module
+    become its own, so that what two kernels share does not depend on which process compiled them. The same code gives
+    the same bytes then.
+    """
+    code = SHARED.sub('define internal', PYTHON_ENTRY.sub('', optimised(kernel.result)))
+    code = re.sub(rf'@{re.escape(kernel.result.fndesc.llvm_func_name)}(?![\w.$-])', f'@{kernel.symbol}', code)
+    order: dict[str, int] = {}
+    code = NUMBER.sub(lambda found: f'B_v{order.setdefault(found[1], len(order))}', code)
+    uses = Counter(GLOBAL_NAME.findall(code))
+    return DATA.sub(lambda line: line[0] if uses[line[1]] > 1 else '', code)
 
 
 def addresses(kernels: Mapping[int, Kernel]) -> tuple[dict[int, int], list[str]]:

@@ -6,13 +6,14 @@ import hashlib
 import shutil
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from mbd_sim_ros.commands.main import main
-from mbd_sim_ros.native import library
-from mbd_sim_ros.native.kernels import target
+from mbd_sim_ros.native import kernels, library
+from mbd_sim_ros.native.kernels import compiled, target
 from mbd_sim_ros.native.model import CHECKED, FIELDS, native, require_native
 from solver import load_scene, simulation_of
 from solver.analysis.verdict import findings
@@ -44,12 +45,12 @@ def scene_of(name: str):
 def built(tmp_path_factory) -> Path:
     """A directory with library, models and driver."""
     there = tmp_path_factory.mktemp('native')
-    kernels = {}
+    called = {}
     for name in SCENES:
         made = native(simulation_of(scene_of(name)), 'test')
         (there / f'{name}.mbd').write_bytes(made.content)
-        kernels.update({kernel.name: kernel for kernel in made.kernels})
-    library.build(kernels.values(), target('v3'), there / library.NAME)
+        called.update({kernel.name: kernel for kernel in made.kernels})
+    library.build(called.values(), target('v3'), there / library.NAME)
     library.copy_sources(there)
     compile_c(HERE / 'driver.c', there / 'driver', there)
     return there
@@ -99,6 +100,24 @@ def test_nothing_of_python_is_in_the_library(built):
     assert undefined and not [name for name in undefined if name.startswith(('Py', '_Py', 'numba', 'NRT'))]
     exported = [line.split()[-1] for line in told.splitlines() if ' T ' in line]
     assert 'mbd_step' in exported and all(name.startswith('mbd_') for name in exported)
+
+
+def test_a_kernel_is_the_same_code_however_its_process_has_numbered_it(built, monkeypatch):
+    """numba counts its symbols while it compiles; neither the number nor a text that names it is in a library."""
+    kernel = next(k for k in compiled().values() if k.name.startswith('linear.elimination.solve'))
+    code, wanted = kernels.optimised(kernel.result), target('v3')
+    symbol, renumbered = kernel.result.fndesc.llvm_func_name, {}
+
+    def other(found):
+        return f'B5v{renumbered.setdefault(found[1], 9000 - len(renumbered))}'
+
+    named = SimpleNamespace(fndesc=SimpleNamespace(llvm_func_name=kernels.NUMBER.sub(other, symbol)))
+    again = kernels.NUMBER.sub(other, code)
+    assert again != code and kernels.NUMBER.search(symbol)
+    before = kernels._emitted(kernel, wanted)
+    monkeypatch.setattr(kernels, 'optimised', lambda _: again)
+    assert kernels._emitted(kernel._replace(result=named), wanted) == before
+    assert b'NumbaEnv' not in (built / library.NAME).read_bytes()
 
 
 def test_a_state_goes_on_in_another_process(built):
@@ -241,17 +260,17 @@ def test_the_command_writes_what_the_example_needs(built, tmp_path, capsys):
 @pytest.mark.long
 def test_all_delivered_scenes_have_the_same_bits(built, tmp_path):
     """Those with drivers by the inputs that these applied."""
-    kernels, expected = {}, {}
+    called, expected = {}, {}
     for path in sorted((HERE.parents[1] / 'config' / 'scenes').glob('*.yaml')):
         simulation = simulation_of(load_scene(path.stem))
         steps = min(200, simulation.scene.steps)
         shorter = simulation_of(load_scene(path.stem, [f'duration={steps * simulation.h!r}']))
         made = native(shorter, applied=shorter.sources.step_by_step)
         (tmp_path / f'{path.stem}.mbd').write_bytes(made.content)
-        kernels.update({kernel.name: kernel for kernel in made.kernels})
+        called.update({kernel.name: kernel for kernel in made.kernels})
         simulation.advance(steps)
         expected[path.stem] = digest(simulation)
-    library.build(kernels.values(), target('v3'), tmp_path / library.NAME)
+    library.build(called.values(), target('v3'), tmp_path / library.NAME)
     shutil.copy(built / 'driver', tmp_path / 'driver')
     for name, known in expected.items():
         environment = {'LD_LIBRARY_PATH': str(tmp_path)}
