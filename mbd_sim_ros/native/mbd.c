@@ -619,6 +619,12 @@ static int beyond(mbd_model *m, const char *check, double value, double limit, c
     return 1;
 }
 
+/* 1, or the length of the model where a row is of angles; 1 where what was noted is no row. */
+static double length_of_row(const mbd_model *m, const struct judged *j, double row) {
+    double rows = (double)((fields(m)[WRITTEN_SIZE] - j->row_length) / 8);
+    return row >= 0.0 && row < rows ? ((const double *)in_written(m, j->row_length))[(int64_t)row] : 1.0;
+}
+
 int mbd_verdict(mbd_model *m) {
     const struct judged *j = (const struct judged *)part(m, LIMITS_AT);
 #define AT(place) ((const double *)in_written(m, j->place))
@@ -640,10 +646,9 @@ int mbd_verdict(mbd_model *m) {
     if (!(slow > 0.0)) slow = largest > j->resting_speed ? largest : j->resting;
     largest = larger(slow, largest);
     if (j->row_length >= 0) {
-        const double *of_row = AT(row_length); /* 1, or the length of the model where a row is of angles */
-        double far = j->stagnation * largest * h / of_row[(int64_t)position[2]];
+        double far = j->stagnation * largest * h / length_of_row(m, j, position[2]);
         if (beyond(m, "position_drift_max", position[0], isnan(j->position) ? far : j->position, "m or rad", position[1])) return 1;
-        double fast = j->stagnation * largest / of_row[(int64_t)velocity[2]];
+        double fast = j->stagnation * largest / length_of_row(m, j, velocity[2]);
         if (beyond(m, "velocity_drift_max", velocity[0], isnan(j->velocity) ? fast : j->velocity, "m/s or rad/s", velocity[1]))
             return 1;
         if (beyond(m, "contradiction", contradicting[0], j->contradiction * moved + open, "J", contradicting[1])) return 1;

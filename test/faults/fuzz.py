@@ -1,5 +1,5 @@
 """Damaged input of every kind: scenes, vehicles, tires, roads, maneuvers, sweeps, overrides, requirements, mappings,
-tolerances, recordings, parameters of the node, command lines.
+tolerances, recordings, parameters of the node, command lines, models, states, inputs and units of the native library.
 
     python test/faults/fuzz.py --count 10000 --seed 1 --out out/fuzz
 
@@ -23,7 +23,7 @@ from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parents[1] / 'support'), str(Path(__file__).parents[2])]
 
-from fuzz_cases import EVERY, KINDS, READERS, make_material
+from fuzz_cases import EVERY, KINDS, NATIVE, READERS, make_material
 from fuzzing import Verdict, run_case
 
 WEIGHTS = {'scenes': 3, 'vehicles': 2, 'bags': 3}  # others count once
@@ -60,8 +60,9 @@ def main() -> int:
         (kind, case) for kind, case in plan(args.count, args.kinds.split(',')) if (args.seed, kind, case) not in known
     ]
     begin = time.monotonic()
-    loaded = () if {kind for kind, _ in missing} <= READERS else EVERY
-    material = make_material(out / 'material', loaded)
+    asked = {kind for kind, _ in missing}
+    loaded = () if asked <= READERS | NATIVE else EVERY
+    material = make_material(out / 'material', loaded, native=bool(asked & NATIVE))
     shown = time.monotonic()
     faults = [one for one in done if one['fault']]
     try:

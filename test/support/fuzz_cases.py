@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import fuzz_foreign
+import fuzz_native
 import numpy as np
 from mcap.records import Channel, Metadata
 from mutations import damage_bag, damage_bytes, damage_text, damage_yaml, pick, word
@@ -102,17 +103,21 @@ CARS_OF_PARTS: tuple[tuple[dict[str, Path], tuple[str, ...]], ...] = (
 
 @dataclass(frozen=True, kw_only=True)
 class Material:
-    """Good recordings that are damaged: of a mechanism and of a car, and a directory of CSV files."""
+    """Good recordings that are damaged: of a mechanism and of a car, a directory of CSV files, and one of the native
+    library."""
 
     crank: Path
     car: Path
     csv: Path
+    native: Path
 
 
-def make_material(directory: Path, loaded: Sequence[str] = EVERY) -> Material:
+def make_material(directory: Path, loaded: Sequence[str] = EVERY, *, native: bool = True) -> Material:
     """Record them, and load what the cases need, kernels for the scenes `loaded` too: children of this process have it
-    at once."""
-    material = Material(crank=directory / 'crank', car=directory / 'car', csv=directory / 'csv')
+    at once. native: with what the cases of the native library need."""
+    material = Material(**{name: directory / name for name in ('crank', 'car', 'csv', 'native')})
+    if native:
+        fuzz_native.make(material.native)
     for place, scene in ((material.crank, 'slider_crank'), (material.car, 'light_car_lane_change')):
         if not (place / 'metadata.yaml').exists():
             assert _quiet('run', scene, '--duration', '0.3', '--set', 'record.every=5', '--out', place) in (0, 1)
@@ -464,6 +469,26 @@ def parameters(rng: np.random.Generator, at: Path, material: Material) -> Made:
     return [], look
 
 
+def models(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Models of the native library."""
+    return [], lambda *_: fuzz_native.models(rng, material.native)
+
+
+def states(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """States of its models."""
+    return [], lambda *_: fuzz_native.states(rng, material.native)
+
+
+def inputs(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Calls of its functions."""
+    return [], lambda *_: fuzz_native.inputs(rng, material.native)
+
+
+def units(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Units of co-simulation, as controllers of a scene."""
+    return [*fuzz_native.units(rng, at, material.native), *SHORT, '--no-record'], None
+
+
 HAS_ROS = importlib.util.find_spec('rclpy') is not None
 CASES = (
     scenes,
@@ -480,9 +505,15 @@ CASES = (
     fuzz_foreign.databases,
     fuzz_foreign.logs,
     commands,
+    models,
+    states,
+    inputs,
+    units,
 )
+NATIVE = {'models', 'states', 'inputs', 'units'}  # kinds that need the native library
+NEEDS = fuzz_foreign.NEEDS | fuzz_native.NEEDS
 KINDS: dict[str, Callable[[np.random.Generator, Path, Material], Made]] = {
     f.__name__: f
     for f in (*CASES, *([parameters] if HAS_ROS else []))
-    if importlib.util.find_spec(fuzz_foreign.NEEDS.get(f.__name__, 'numpy')) is not None
+    if importlib.util.find_spec(NEEDS.get(f.__name__, 'numpy')) is not None
 }
