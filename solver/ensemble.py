@@ -33,7 +33,10 @@ from solver.simulation import Simulation
 # hold; ten times as many would leave no group in lanes.
 FEWEST = 4
 # engine -> module and class of its group (solver.engine.lanes.Group), which nothing imports before it is asked for
-GROUPS: dict[type, tuple[str, str]] = {SingleTrack: ('solver.levels.track_lanes', 'TrackGroup')}
+GROUPS: dict[type, tuple[str, str]] = {
+    SingleTrack: ('solver.levels.track_lanes', 'TrackGroup'),
+    Stepping: ('solver.engine.stepping_lanes', 'BodyGroup'),
+}
 Rows = list[np.ndarray | None]
 
 
@@ -84,11 +87,10 @@ class Ensemble:
 
     def _obstacle(self) -> str:
         """Reason why these simulations cannot step in lanes; '' where they can."""
-        kind = type(self.simulations[0].engine)
-        if kind not in GROUPS:
-            return 'simulations of bodies step one after the other; only those of the level single_track do in lanes'
-        if any(simulation.engine.noted for simulation in self.simulations):  # type: ignore[attr-defined]
-            return 'friction changes along the road, which the level single_track looks at by itself'
+        for k, simulation in enumerate(self.simulations):
+            why = simulation.engine.alone
+            if why:
+                return f'simulation {k}: {why}'
         return ''
 
     def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> list[Snapshot]:
@@ -96,7 +98,8 @@ class Ensemble:
 
         inputs: (nu,) held by all, (n, nu) a row a step for all, (N, n, nu) rows of each, or (N, 1, nu) held by each; in
         SI units and the order of channels.inputs. None samples the maneuver of each. Simulations with a driver or an
-        assistance that look at every step go one after the other. audit: see Simulation.advance(). What fails is noted
+        assistance that look at every step go one after the other, and so do bodies with audit. audit: see
+        Simulation.advance(). What fails is noted
         in `failures`, and goes on after reset() or restore() of its simulation and a failure set to ''. Raises
         SpecError for inputs of another shape, and for a number of steps that is none."""
         if not isinstance(n, int | np.integer) or n < 0:
@@ -107,7 +110,7 @@ class Ensemble:
         size = max((len(members) for _, members in self._groups), default=0)
         for at, (group, members) in enumerate(self._groups):
             lanes = [k for k in range(len(members)) if at * size + k in waiting and rows[at * size + k] is not None]
-            if len(lanes) >= FEWEST:
+            if len(lanes) >= FEWEST and (group.audits or not audit):
                 self._advance_group(at * size, group, members, lanes, rows, n, audit)
                 waiting.difference_update(at * size + k for k in lanes)
         for k in sorted(waiting):

@@ -35,6 +35,11 @@ class FieldType(types.Type):
         """The value, from load(k), the k-th of its words."""
         raise NotImplementedError
 
+    def operation(self, name: str, *arguments: Any) -> Any:
+        """(signature, code) of an intrinsic for arguments of which the first has this type: matrix_at() here, those of
+        solver.linear.blocks."""
+        raise NotImplementedError
+
 
 class Field:
     """A value of such a type. words: what a Ref stores of it."""
@@ -262,6 +267,8 @@ def assign(typing_context, ref, name, number):
 def matrix_at(typing_context, numbers, start, rows, columns):
     """The (rows, columns) matrix that lies in the vector `numbers` from index `start` on. Its memory is that of the
     vector."""
+    if isinstance(numbers, FieldType):
+        return numbers.operation('matrix_at', numbers, start, rows, columns)
     vector = types.Array(numbers.dtype, 1, 'C')
     matrix = types.Array(numbers.dtype, 2, 'C')
     if numbers != vector:

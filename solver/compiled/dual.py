@@ -19,6 +19,7 @@ import operator
 import numpy as np
 from numba.extending import overload, overload_attribute
 
+from solver.compiled.by_reference import FieldType
 from solver.compiled.dual_type import (
     NARROW,
     DualType,
@@ -97,6 +98,8 @@ def variable(value, k):
 
 @overload(variable)
 def _variable_overload(value, k):
+    if isinstance(value, FieldType):
+        return None
     return lambda value, k: dual_variable(value, k)  # noqa: PLW0108
 
 
@@ -107,6 +110,8 @@ def seeded(value, partials):
 
 @overload(seeded)
 def _seeded_overload(value, partials):
+    if isinstance(value, FieldType):
+        return None
     return lambda value, partials: dual_seeded(value, partials)  # noqa: PLW0108
 
 
@@ -120,6 +125,8 @@ def local(x, k):
 
 @overload(local)
 def _local_overload(x, k):
+    if isinstance(x, FieldType):
+        return None
     return (lambda x, k: dual_local(dual_value(x), k)) if is_wide(x) else (lambda x, k: x)
 
 
@@ -136,6 +143,8 @@ def compose(y, a, b, c, d):
 
 @overload(compose)
 def _compose_overload(y, a, b, c, d):
+    if isinstance(y, FieldType):
+        return None
     return (lambda y, a, b, c, d: dual_compose(y, a, b, c, d)) if is_dual(y) else (lambda y, a, b, c, d: y)  # noqa: PLW0108
 
 
@@ -146,6 +155,8 @@ def differentiates(x):
 
 @overload(differentiates)
 def _differentiates_overload(x):
+    if isinstance(x, FieldType):
+        return None
     return (lambda x: True) if is_wide(x) else (lambda x: False)
 
 
@@ -156,7 +167,7 @@ def partial(x, k):
 
 @overload(partial)
 def _partial_overload(x, k):
-    return lambda x, k: dual_partial(x, k)  # noqa: PLW0108
+    return (lambda x, k: dual_partial(x, k)) if is_dual(x) else None  # noqa: PLW0108
 
 
 def add_partials(x, Kq, Kv, s, r):
@@ -168,7 +179,7 @@ def add_partials(x, Kq, Kv, s, r):
 
 @overload(add_partials)
 def _add_partials_overload(x, Kq, Kv, s, r):
-    return lambda x, Kq, Kv, s, r: dual_add_partials(x, Kq, Kv, s, r)  # noqa: PLW0108
+    return (lambda x, Kq, Kv, s, r: dual_add_partials(x, Kq, Kv, s, r)) if is_dual(x) else None  # noqa: PLW0108
 
 
 def value(x):
@@ -178,6 +189,8 @@ def value(x):
 
 @overload(value)
 def _value_overload(x):
+    if isinstance(x, FieldType):
+        return None
     return (lambda x: dual_value(x)) if is_dual(x) else (lambda x: x)  # noqa: PLW0108
 
 
@@ -316,7 +329,7 @@ def _register(function, rule, plain) -> None:
                 return dual_chain(f, x, df)
 
             return differentiate
-        return lambda x: plain(x)  # noqa: PLW0108
+        return None if isinstance(x, FieldType) else lambda x: plain(x)  # noqa: PLW0108
 
 
 for _f, _rule, _plain in (

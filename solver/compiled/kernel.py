@@ -136,8 +136,10 @@ def invoke(typing_context, address, arguments):
 @numba.extending.intrinsic
 def sixes(typing_context, array):
     """The array, (n, 6) or (n, 6, 6), with its inner lengths known to the compiler: what crosses invoke() has lost
-    them, and every address would be multiplied out at run time.
+    them, and every address would be multiplied out at run time. Others that a Ref may hold know them anyway.
     """
+    if not isinstance(array, numba.core.types.Array):
+        return array(array), lambda context, builder, signature, args: args[0]
 
     def generate(context, builder, signature, args):
         from llvmlite import ir
@@ -173,6 +175,8 @@ def _require_plain_arrays(argument_types) -> None:
     for t in chain.from_iterable(fields):
         if isinstance(t, types.BaseTuple):
             raise errors.TypingError(f'invoke: pass {t} by Ref')
+        if getattr(t, 'of_lanes', False):
+            raise errors.TypingError(f'invoke: {t}: the kernel at the address takes what all lanes have in common')
         if isinstance(t, types.Array) and not (t.layout == 'C' and t.mutable and t.aligned):
             raise errors.TypingError(f'invoke: {t} is not a writable C-contiguous array')
 

@@ -11,6 +11,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic, models, overload, register_model
 
+from solver.compiled.by_reference import FieldType
 from solver.compiled.kernel import kernel
 
 LANES = 4
@@ -234,23 +235,36 @@ def take_from(blocks, s, r, x, y):
         blocks[s, r, 3 + k] -= y[k]
 
 
+def _of_others(*kinds) -> bool:
+    """True for numbers, and rows of them, whose products solver.compiled.lanes.rows emits."""
+    return any(isinstance(kind[0] if isinstance(kind, types.BaseTuple) else kind, FieldType) for kind in kinds)
+
+
 @overload(row)
 def _row(a, b, c):
+    if _of_others(a, b, c):
+        return None
     return (lambda a, b, c: _pack(a, b, c)) if a is types.float64 else row  # noqa: PLW0108
 
 
 @overload(row_like)
 def _row_like(number, a, b, c):
+    if _of_others(number):
+        return None
     return (lambda number, a, b, c: _pack(a, b, c)) if number is types.float64 else row_like
 
 
 @overload(combine2)
 def _combine2_rows(a, x, b, y):
+    if _of_others(x):
+        return None
     return (lambda a, x, b, y: _combine2(a, x, b, y)) if x is ROW else combine2  # noqa: PLW0108
 
 
 @overload(combine3)
 def _combine3_rows(a, x, b, y, c, z):
+    if _of_others(x):
+        return None
     return (lambda a, x, b, y, c, z: _combine3(a, x, b, y, c, z)) if x is ROW else combine3  # noqa: PLW0108
 
 
@@ -271,6 +285,8 @@ def _times_row(a, x):
 
 @overload(plus_times)
 def _plus_times_row(x, a, y):
+    if _of_others(x):
+        return None
     return (lambda x, a, y: _plus_times(x, a, y)) if x is ROW else plus_times  # noqa: PLW0108
 
 

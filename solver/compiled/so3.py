@@ -10,6 +10,7 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
+from solver.compiled.by_reference import FieldType
 from solver.compiled.kernel import kernel
 from solver.compiled.vec import add, cross, cross_cross, dot, madd, mscale, scale, skew
 
@@ -180,4 +181,4 @@ def arctan2(s, c):
 
 @overload(arctan2)
 def _arctan2_of_type(s, c):
-    return (lambda s, c: np.arctan2(s, c)) if s is types.float64 else arctan2  # noqa: PLW0108
+    return (lambda s, c: np.arctan2(s, c)) if s is types.float64 or isinstance(s, FieldType) else arctan2  # noqa: PLW0108

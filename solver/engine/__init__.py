@@ -93,6 +93,10 @@ class Engine(Protocol):
     def shown(self) -> Shown:
         """Data behind the outputs."""
 
+    @property
+    def alone(self) -> str:
+        """Reason why it cannot step in a group (solver.engine.lanes); '' where it can."""
+
     def start(self, u: np.ndarray) -> Changes:
         """Find the state at t = 0 under the inputs there, and what that changed. Raises ConsistencyError."""
 

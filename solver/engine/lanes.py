@@ -42,6 +42,15 @@ class Group(Protocol):
     state: Transfer  # everything that a step changes and the future depends on
     shown: Transfer  # everything else that a lane leaves behind
 
+    audits: bool  # it keeps the account of energy
+    shows: int  # evaluations that the outputs of a call count as
+
+    def ready(self, lane: int) -> bool:
+        """True where the next step of this lane's engine is like those of the others."""
+
+    def prepare(self, lane: int) -> None:
+        """Bring the state of this lane's engine to where it is copied from."""
+
     def run(self, count: int, audit: bool, final: bool, left: np.ndarray) -> None:
         """Advance all lanes `count` steps with the rows of `inputs`, or until none is left; left (LANES,)
         becomes the step at which a lane left, and stays -1 of those that did not."""
@@ -49,8 +58,9 @@ class Group(Protocol):
     def finish(self, lane: int) -> None:
         """Behind steps in lanes: show what was copied to this lane's engine."""
 
-    def counters(self, lane: int, steps: int) -> Counters:
-        """Counters of the steps, so many, that this lane stayed in run()."""
+    def stepped(self, lane: int, steps: int) -> Counters:
+        """Behind so many steps in lanes, when their state was copied to this lane's engine: what else they change
+        there. Counters of these steps."""
 
 
 @kernel(borrow=True)
@@ -76,7 +86,7 @@ def advance_group(
         if not np.isfinite(given).all():  # refused before anything is advanced
             moved[lane] = engines[lane].advance(ks[lane], given, n, audit, group.lasts[lane])
     done, total = [0] * size, [NO_STEPS] * size
-    before = {lane: engines[lane].shown.numbers.copy() for lane in inputs}
+    shown = {lane: engines[lane].shown.numbers.copy() for lane in inputs}
     left = np.empty(LANES, np.int64)
     rows = group.inputs.numbers
     there: set[int] = set()  # lanes that hold the state of their engine
@@ -87,37 +97,46 @@ def advance_group(
         going = [lane for lane in inputs if lane not in moved]
         if not going:
             break
-        for lane in range(LANES):
-            source = lane if lane in going else going[0]
-            if lane not in there:
-                put_in(group.state.table, lane, source)
-            rows[:count, :, lane] = _rows(inputs[source], first, count)
-        group.flags.words[:] = sum(1 << lane for lane in going), 0
-        group.flags.bind()
-        left[:] = -1
-        group.run(count, audit, final, left)
+        together = [lane for lane in going if group.ready(lane)]
+        left[:] = 0
+        if together:
+            for lane in range(LANES):
+                source = lane if lane in together else together[0]
+                if lane not in there:
+                    group.prepare(source)
+                    put_in(group.state.table, lane, source)
+                rows[:count, :, lane] = _rows(inputs[source], first, count)
+            group.flags.words[:] = sum(1 << lane for lane in together), 0
+            group.flags.bind()
+            left[together] = -1
+            group.run(count, audit, final, left)
         there.clear()
-        group.block = min(BLOCK, 2 * group.block) if (left < 0).all() else max(SHORTEST, group.block // 2)
+        all_stayed = (left[going] < 0).all()
+        group.block = min(BLOCK, 2 * group.block) if all_stayed else max(SHORTEST, group.block // 2)
         for lane in going:
             stayed = count if left[lane] < 0 else int(left[lane])
-            if stayed:
-                done[lane] += stayed
-                total[lane] = total[lane].followed_by(group.counters(lane, stayed))
             if stayed == count:
                 take_out(group.state.table, lane, False)
+                there.add(lane)
+            if stayed:
+                done[lane] += stayed
+                total[lane] = total[lane].followed_by(group.stepped(lane, stayed))
+            if stayed == count:
                 if final:
                     take_out(group.shown.table, lane, False)
                     group.finish(lane)
-                there.add(lane)
                 continue
             rest = np.ascontiguousarray(_rows(inputs[lane], first + stayed, count - stayed))
             part = engines[lane].advance(ks[lane] + done[lane], rest, count - stayed, audit, group.lasts[lane])
             done[lane] += part.steps
-            total[lane] = total[lane].followed_by(part.counters)
+            counters = part.counters
+            if part.steps and not (final or audit or part.failure):  # outputs that nobody sees
+                counters = counters._replace(evaluations=counters.evaluations - group.shows)
+            total[lane] = total[lane].followed_by(counters)
             if part.failure or part.steps < count - stayed:  # failed, or somebody asks for an end
                 moved[lane] = Moved(done[lane], total[lane], part.failure)
-            if part.failure:  # what is shown stays as it was before the call
-                engines[lane].shown.numbers[:] = before[lane]
+            if part.failure:
+                engines[lane].shown.numbers[:] = shown[lane]
     return {lane: moved.get(lane) or Moved(done[lane], total[lane]) for lane in inputs}
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import address_of
+from solver.elements.registry import CONSTRAINTS, FORCES
 from solver.engine import Kept, Moved, instant
 from solver.engine.bodies import Bodies
 from solver.errors import SpecError
@@ -30,6 +31,9 @@ from solver.step.seen import advance_seen
 from solver.step.work import OK
 
 KINDS = ('alf', 'm_alf')  # of integrators
+# Kinds of elements whose kernels are compiled for lanes (solver.engine.stepping_lanes); the next ones are listed here
+# once a test has their bits.
+IN_LANES = ('aero_drags', 'coordinate_forces', 'couplers', 'guides', 'joints', 'servos', 'tires')
 
 
 class Stepping:
@@ -62,6 +66,23 @@ class Stepping:
                     extrapolate, self.shown.model.tables, masses, *bodies.step_arguments[2:], True, True, bodies.work
                 )
             self.adaptation = Adaptation(self.shown.model, settings, bodies.scheme, bodies.work, hold, fourth)
+
+    @property
+    def alone(self) -> str:
+        """See Engine.alone."""
+        settings, scheme = self.shown.settings, self.shown.scheme
+        reasons = {
+            'step_policy: error and order: 4 choose other steps in each': settings.step_policy == 'error'
+            or settings.order == 4,
+            'penalty_policy: adaptive chooses other penalties in each': settings.penalty_policy == 'adaptive',
+            'effective masses that are coupled, or have stiffness': scheme.weigh != 0,
+            'constraints in block form': scheme.form != CONDENSED,
+        }
+        why = next((f'integrator: {why}' for why, here in reasons.items() if here), '')
+        spec = self.shown.model.spec
+        names = [*(kind.name for kind in FORCES), *(kind.name for kind in CONSTRAINTS)]
+        kinds = (name for name in names if getattr(spec, name))
+        return why or next((f'{kind} do not step in lanes' for kind in kinds if kind not in IN_LANES), '')
 
     def start(self, u: np.ndarray) -> Changes:
         """Find the consistent state at t = 0. Raises ConsistencyError."""

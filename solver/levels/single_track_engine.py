@@ -347,6 +347,11 @@ class SingleTrack:
         """Counters of so many steps."""
         return Counters(steps * self.parts, 0, steps * (2 * self.parts + 1), 0, 0.0, 0.0, 0.0)
 
+    @property
+    def alone(self) -> str:
+        """See Engine.alone."""
+        return 'friction changes along its road, which this level looks at every 10 ms' if self.noted else ''
+
     def current(self) -> None:
         """Nothing to do: the state is shown after every step."""
 

@@ -56,6 +56,8 @@ def _run(tracks, box, index, count, audit, final, h, parts, kept, flags, left):
 class TrackGroup:
     """See solver.engine.lanes.Group."""
 
+    shows, audits = 0, True
+
     def __init__(self, engines: Sequence[SingleTrack], lasts: Sequence[np.ndarray]) -> None:
         self.engines, self.lasts, self.flags, self.block = engines, lasts, Flags(), BLOCK
         self._mirror = Mirror(
@@ -67,6 +69,13 @@ class TrackGroup:
         self._tracks = Ref(self._mirror.value)
         self.inputs = LaneArray(zeros((BLOCK, len(lasts[0]), LANES)))
         self._box = Ref(_Box(self.inputs))
+
+    def ready(self, lane: int) -> bool:
+        """Always: all steps are like the others."""
+        return True
+
+    def prepare(self, lane: int) -> None:
+        """Nothing to do: the state stays in its place."""
 
     def run(self, count: int, audit: bool, final: bool, left: np.ndarray) -> None:
         """See Group.run()."""
@@ -81,6 +90,6 @@ class TrackGroup:
         e = self.engines[lane]
         show_end(e.tables, e.y, self.lasts[lane], e.index, e.scratch, e.frame)
 
-    def counters(self, lane: int, steps: int) -> Counters:
-        """See Group.counters()."""
+    def stepped(self, lane: int, steps: int) -> Counters:
+        """See Group.stepped()."""
         return self.engines[lane].counters_of(steps)

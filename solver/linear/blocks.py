@@ -10,6 +10,8 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
+from solver.compiled.by_reference import FieldType
+
 WIDTH = 8  # columns of a stored block row: six entries and padding, one SIMD vector
 
 
@@ -80,6 +82,9 @@ def _block_operation(sign):
 
     @intrinsic
     def operation(typing_context, B, c, a, d):
+        if isinstance(B, FieldType):
+            return B.operation('subtract_product' if sign < 0 else 'multiply', B, c, a, d)
+
         def generate(context, builder, signature, args):
             word = ir.IntType(64)
 
@@ -124,6 +129,10 @@ def _substitution(with_diagonal):
 
     @intrinsic
     def substitution(typing_context, B, slot, node, first, last, x, p, d):
+        if isinstance(B, FieldType):
+            name = 'backward' if with_diagonal else 'forward'
+            return B.operation(name, B, slot, node, first, last, x, p, d)
+
         def generate(context, builder, signature, args):
             types_, word = signature.args, ir.IntType(64)
             B_, _, _, first_, last_, x_, p_, d_ = args
@@ -166,6 +175,8 @@ backward = _substitution(True)
 @intrinsic
 def add_weighted_product(typing_context, B, s, X, a, Y, b, W, first):
     """B[s] += sum over the six rows r of W[first + r] X[a, r]^T Y[b, r]; X is (n, 6, 6), B and Y are (n, 6, WIDTH)."""
+    if isinstance(B, FieldType):
+        return B.operation('add_weighted_product', B, s, X, a, Y, b, W, first)
 
     def generate(context, builder, signature, args):
         kinds, word, double = signature.args, ir.IntType(64), ir.DoubleType()
@@ -202,6 +213,9 @@ def _rotated(with_damping):
 
     @intrinsic
     def rotated(typing_context, C, s, X, t, T, n, q, Y, v):
+        if isinstance(C, FieldType):
+            return C.operation('combined_block' if with_damping else 'rotated_block', C, s, X, t, T, n, q, Y, v)
+
         def generate(context, builder, signature, args):
             kinds, word, lane = signature.args, ir.IntType(64), ir.IntType(32)
             C_, s_, X_, t_, T_, n_, q_, Y_, v_ = args
@@ -242,6 +256,8 @@ combined_block = _rotated(True)
 @intrinsic
 def add_scaled_rows(typing_context, f, b, sign, weights, first, count, J, e):
     """f[b] += sign * sum over r below count of weights[first + r] J[e, r]; f is (n, 6), J (m, 6, 6)."""
+    if isinstance(f, FieldType):
+        return f.operation('add_scaled_rows', f, b, sign, weights, first, count, J, e)
 
     def generate(context, builder, signature, args):
         kinds, word = signature.args, ir.IntType(64)
@@ -276,6 +292,8 @@ def add_scaled_rows(typing_context, f, b, sign, weights, first, count, J, e):
 def subtract_weighted_rows(typing_context, x, b, J, e, t, first):
     """x[b] -= sum over the six rows r of t[first + r] J[e, r]; x is (n, WIDTH), J (m, 6, 6), t goes on for six more
     numbers."""
+    if isinstance(x, FieldType):
+        return x.operation('subtract_weighted_rows', x, b, J, e, t, first)
 
     def generate(context, builder, signature, args):
         kinds, word = signature.args, ir.IntType(64)
@@ -299,6 +317,8 @@ def subtract_weighted_rows(typing_context, x, b, J, e, t, first):
 def add_row_products(typing_context, t, first, J, e, x, b):
     """t[first + r] += J[e, r] . x[b] for six rows r; J is (m, 6, WIDTH), x (n, WIDTH), t goes on for eight more
     numbers."""
+    if isinstance(t, FieldType):
+        return t.operation('add_row_products', t, first, J, e, x, b)
 
     def generate(context, builder, signature, args):
         kinds, word = signature.args, ir.IntType(64)
@@ -326,6 +346,8 @@ def invert(typing_context, B, s):
     regularisation, whose symmetric parts are positive; a ratio near round-off says where that fails. NaN where a pivot
     is zero.
     """
+    if isinstance(B, FieldType):
+        return B.operation('invert', B, s)
 
     def generate(context, builder, signature, args):
         word, lane, double = ir.IntType(64), ir.IntType(32), ir.DoubleType()

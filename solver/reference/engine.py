@@ -35,6 +35,7 @@ class Following:
     """
 
     follows = True
+    alone = 'a reference integrator steps by itself'
 
     def __init__(self, scene: Scene) -> None:
         if scene.integrator.kind not in KINDS:

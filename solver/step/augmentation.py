@@ -34,6 +34,7 @@ import numpy as np
 from solver.compiled.by_reference import matrix_at
 from solver.compiled.kernel import kernel
 from solver.compiled.memory import zeros
+from solver.compiled.select import some, where
 from solver.model.evaluate import constraint_rates
 from solver.model.saddle import CONDENSED, solve_saddle
 from solver.output.undetermined import kinetic
@@ -245,11 +246,12 @@ def holds_more(tables, saddle, augmentation, work, dw, before):
 @kernel(inner=True)
 def grew(lam, before):
     """True where the largest multiplier grew as it does before a singular position: as one over the distance to it."""
-    most, k = 0.0, 0
+    most, then = 0.0, 0.0
     for i in range(lam.shape[0]):
-        if abs(lam[i]) > most:
-            most, k = abs(lam[i]), i
-    return most > 0.0 and most > GROWTH * abs(before[k])
+        larger = abs(lam[i]) > most
+        if some(larger):
+            most, then = where(larger, abs(lam[i]), most), where(larger, abs(before[i]), then)
+    return bool(most > 0.0 and most > GROWTH * then)
 
 
 @kernel(inner=True)

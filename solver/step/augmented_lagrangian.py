@@ -118,25 +118,25 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         found = iterate_fixed(tables, c, s0, s1, u, cz, speed, work)
     else:
         found = iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work)
-    if found.status != OK:
-        return found
-    finish(tables, c, s0, s1, work)
-    evaluate_constraints(tables, work.kin_end, s1.angle, u, YES, work.phi_end, work.J_end)
-    position, longest = position_drift(tables, work)
-    # a factorization with rows of the stage closes less at once
-    passes = 1 if c.fixed == 1 and work.augmentation.by_stage[0] == 0 else 3
-    velocity = project_velocity(tables, c, s1.v, u, passes, work)
-    evaluations = found.counters.evaluations
-    if want_outputs:
-        outputs_at_end(tables, s1, u, work)
-        evaluations += 1
-    n = found.counters
-    residual = max(n.residual, longest / (c.h * speed))  # what augmentations leave open shows in no increment
+    status, where, n = found.status, found.where, found.counters
+    residual, position, velocity, evaluations = n.residual, 0.0, 0.0, n.evaluations
+    if status == OK:
+        finish(tables, c, s0, s1, work)
+        evaluate_constraints(tables, work.kin_end, s1.angle, u, YES, work.phi_end, work.J_end)
+        position, longest = position_drift(tables, work)
+        # a factorization with rows of the stage closes less at once
+        passes = 1 if c.fixed == 1 and work.augmentation.by_stage[0] == 0 else 3
+        velocity = project_velocity(tables, c, s1.v, u, passes, work)
+        if want_outputs:
+            outputs_at_end(tables, s1, u, work)
+            evaluations += 1
+        # what augmentations leave open shows in no increment
+        residual = max(n.residual, longest / (c.h * speed))
+        bad = body_not_finite(work)
+        if bad >= 0 or not np.isfinite(velocity + position):
+            status, where = NON_FINITE, max(bad, 0)
     counters = Counters(n.iterations, n.factorizations, evaluations, n.stagnated, residual, position, velocity)
-    bad = body_not_finite(work)
-    if bad >= 0 or not np.isfinite(velocity + position):
-        return StepResult(NON_FINITE, max(bad, 0), counters)
-    return StepResult(OK, 0, counters)
+    return StepResult(status, where, counters)
 
 
 @kernel(inner=True)

@@ -131,7 +131,13 @@ def _relax(c, control, t, attempt):
         if factor < 1.0 or factor >= WORTHWHILE:
             memory[WANTED] = min(control.grid, control.group * max(memory[TAKEN] * factor, control.h_min))
         memory[LAST_ERROR] = attempt.error
-    easy = not attempt.stuck and attempt.iterations <= EASY_ITERATIONS
+    _count_easy(c, control, t, not attempt.stuck and attempt.iterations <= EASY_ITERATIONS)
+
+
+@kernel(inner=True)
+def _count_easy(c, control, t, easy):
+    """Lower penalties, and double the step of rescue, after enough easy steps in a row."""
+    memory = control.memory
     memory[EASY] = memory[EASY] + 1.0 if easy else 0.0
     if memory[EASY] < memory[PATIENCE]:
         return
@@ -144,6 +150,14 @@ def _relax(c, control, t, attempt):
         memory[WANTED] = min(control.grid, 2.0 * memory[WANTED])
     elif not raised:
         memory[PATIENCE] = max(float(EASY_STEPS), float(memory[PATIENCE] // 2.0))
+
+
+@kernel(borrow=True)
+def note_steps(c, control, easy, count):
+    """Note that `count` steps of the whole grid were taken elsewhere; easy (n,): 1 of an easy one."""
+    control.counts[SUBSTEPS] += count
+    for k in range(count):
+        _count_easy(c, control, 0.0, easy[k] == 1)
 
 
 @kernel(inner=True)

@@ -199,7 +199,7 @@ def iterate_fixed(tables, c, s0, s1, u, cz, speed, work):
         if last and settled and work.augmentation.withheld[0] == 0 and enough:
             status = OK
             break
-        refactor = (it > 0 or c.iterations == 1) and (last or not settled)
+        refactor = bool((it > 0 or c.iterations == 1) and (last or not settled))
         if part < 1.0:
             increment = 0.0  # nothing to compare the next iteration with
     if status == NOT_CONVERGED and residual < LARGEST_STAGNATION:  # settles slowly

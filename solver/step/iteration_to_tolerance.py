@@ -123,7 +123,7 @@ def iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work):
             keep_best(s1, work)
         if it > 1 and before > 0.0 and rate > STAGNATION and part == 1.0 and best < LARGEST_STAGNATION:
             break
-        refactor = rate > CONTRACTION_TO_REUSE
+        refactor = bool(rate > CONTRACTION_TO_REUSE)
         where = it
         if part < 1.0:
             increment = 0.0  # nothing to compare the next iteration with

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 from typing import Any, cast
 
 import numpy as np
@@ -256,12 +255,66 @@ def test_what_is_asked_wrongly_is_refused_in_one_sentence_and_changes_nothing() 
     assert ensemble.field('k').tolist() == [3, 3]
 
 
-def test_bodies_step_one_after_the_other() -> None:
-    """With the results of each, and a sentence that says so."""
-    scenes = [dataclasses.replace(load_scene('slider_crank'), name=f'crank {k}') for k in range(4)]
-    together, alone = Ensemble(scenes), [solver.simulation_of(scene) for scene in scenes]
-    assert not together.in_lanes and 'bodies' in together.why
-    together.advance(20)
-    for one in alone:
-        one.advance(20)
+def cranks() -> list[Simulation]:
+    """Slider-cranks with other loads and speeds, which pass singular positions at other times."""
+    return [
+        solver.simulation_of(load_scene('slider_crank', [f'start.coordinates.slide.rate={-4.0 - 0.1 * k}']))
+        for k in range(COUNT)
+    ]
+
+
+@pytest.mark.long
+def test_bodies_have_the_bits_of_their_single_runs() -> None:
+    """Iterations to a tolerance, whose number differs: whoever needs more goes on alone. One has a velocity that is not
+    finite and fails, as alone. With the account of energy bodies step one after the other."""
+    together, alone = Ensemble(cranks()), cranks()
+    assert together.in_lanes
+    for n, audit in ((300, False), (7, False), (20, True), (300, False)):
+        together.advance(n, audit=audit)
+        for one in alone:
+            one.advance(n, audit=audit)
+        require_same(together, alone)
+    for each in (together.simulations, alone):
+        each[3].state.v[0, 0] = np.nan
+    together.advance(9, audit=False)
+    for k, one in enumerate(alone):
+        if k == 3:
+            with pytest.raises(solver.StepError) as said:
+                one.advance(9, audit=False)
+            assert together.failures[3] == str(said.value)
+        else:
+            one.advance(9, audit=False)
+            assert state_of(together.simulations[k]) == state_of(one)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('name', ['car_step_steer', 'car_split_mu_brake', 'car_sine_with_dwell'])
+def test_cars_of_level_kc_have_the_bits_of_their_single_runs(name: str) -> None:
+    """Eight amplitudes of the steering, beyond what the tires hold."""
+    first = solver.simulation_of(load_scene(name, ['fidelity=kc']))
+    together = Ensemble([first, *(first.twin(first.scene.duration) for _ in range(COUNT - 1))])
+    alone = [first.twin(first.scene.duration) for _ in range(COUNT)]
+    assert together.in_lanes, together.why
+    steps = min(2500, first.scene.steps)
+    rows = np.repeat(first.source.table(0, steps)[None], COUNT, axis=0)
+    steering = [name.startswith('steering') for name in together.channels.inputs]
+    rows[:, :, steering] *= 0.4 * np.arange(COUNT)[:, None, None]
+    together.advance(steps, rows, audit=False)
+    for k, one in enumerate(alone):
+        try:
+            one.advance(steps, rows[k], audit=False)
+        except solver.StepError as error:
+            assert together.failures[k] == str(error)
     require_same(together, alone)
+
+
+@pytest.mark.parametrize(
+    ('key', 'why'),
+    [
+        ('step_policy=error', 'step_policy: error'), ('penalty_policy=adaptive', 'penalty_policy: adaptive'),
+        ('form=block', 'block form'),
+    ],
+)  # fmt: skip
+def test_integrators_that_differ_from_step_to_step_go_one_after_the_other(key: str, why: str) -> None:
+    ensemble = Ensemble([load_scene('slider_crank', [f'integrator.{key}'])] * FEWEST)
+    assert not ensemble.in_lanes and why in ensemble.why

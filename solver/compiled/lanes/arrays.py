@@ -9,11 +9,12 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.imputils import lower_builtin, lower_getattr
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global, signature
-from numba.extending import infer_getattr, models, overload, register_model
+from numba.extending import infer_getattr, models, overload, register_model, typeof_impl
 
 from solver.compiled.by_reference import Field, FieldType
 from solver.compiled.lanes import LANES
 from solver.compiled.lanes.agreement import spread
+from solver.compiled.lanes.blocks import OPERATIONS
 from solver.compiled.lanes.number import ALIGN, DIGEST, LANE, VECTOR, WORD, LaneType, is_lane, is_number
 from solver.compiled.memory import zeros
 
@@ -37,6 +38,10 @@ class LaneArrayType(FieldType):
         )
         return array._getvalue()
 
+    def operation(self, name, *arguments):
+        """See FieldType.operation()."""
+        return _matrix_at(*arguments) if name == 'matrix_at' else OPERATIONS[name](*arguments)
+
 
 class LaneArray(Field):
     """An array of lanes that a Ref holds. numbers: (..., LANES), whose memory begins with a line of the cache."""
@@ -48,6 +53,11 @@ class LaneArray(Field):
         self.numbers, self.shape = numbers, numbers.shape[:-1]
         self.kind = LaneArrayType(len(self.shape), self.shape[1:])
         self.words = [numbers.ctypes.data, *self.shape]
+
+
+@typeof_impl.register(LaneArray)
+def _typeof_lanes(value, context):
+    return value.kind
 
 
 def lane_zeros(shape: int | tuple[int, ...]) -> LaneArray:
@@ -119,6 +129,38 @@ def _getitem(context, builder, sig, args):
     part.data, lengths = _address(context, builder, kind, args[0], index)
     part.shape = cgutils.pack_array(builder, lengths, ty=WORD)
     return part._getvalue()
+
+
+@infer_global(operator.getitem)
+class _Slice(AbstractTemplate):
+    def generic(self, args, kws):
+        array, part = args
+        here = isinstance(array, LaneArrayType) and array.ndim == 1 and isinstance(part, types.SliceType)
+        return signature(array, array, part) if here else None
+
+
+@lower_builtin(operator.getitem, LaneArrayType, types.SliceType)
+def _slice(context, builder, sig, args):
+    """x[first:last] of a vector, both within it."""
+    array = cgutils.create_struct_proxy(sig.args[0])(context, builder, args[0])
+    part = context.make_helper(builder, sig.args[1], args[1])
+    array.data = builder.add(array.data, builder.mul(part.start, ir.Constant(WORD, ALIGN)))
+    array.shape = cgutils.pack_array(builder, [builder.sub(part.stop, part.start)], ty=WORD)
+    return array._getvalue()
+
+
+def _matrix_at(numbers, start, rows, columns):
+    """solver.compiled.by_reference.matrix_at() of a vector of lanes."""
+    matrix = LaneArrayType(2, (None,))
+
+    def codegen(context, builder, signature, args):
+        source = cgutils.create_struct_proxy(signature.args[0])(context, builder, args[0])
+        found = cgutils.create_struct_proxy(matrix)(context, builder)
+        found.data = builder.add(source.data, builder.mul(args[1], ir.Constant(WORD, ALIGN)))
+        found.shape = cgutils.pack_array(builder, [args[2], args[3]], ty=WORD)
+        return found._getvalue()
+
+    return matrix(numbers, *(types.int64,) * 3), codegen
 
 
 @infer_global(operator.setitem)

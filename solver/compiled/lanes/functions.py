@@ -91,7 +91,7 @@ def _each_pair(function):
         return None
 
 
-for _function in (np.arctan2, math.atan2, np.hypot, math.hypot):
+for _function in (np.arctan2, math.atan2, np.hypot, math.hypot, operator.mod, operator.floordiv):
     _each_pair(_function)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,14 +21,16 @@ class Mirror:
     """values: the NamedTuple of each simulation. value: the same with lanes, where arrays that are views of one memory
     are so again.
 
-    Arrays and numbers of float become those of lanes. All simulations must have the same integers and shapes; kernels
-    see the integers of the first simulation. Lanes that are left over show the first simulation. Raises SpecError,
-    which names the field, where integers or shapes differ.
+    Arrays and numbers of float become those of lanes. Integers, and what is named in `common`, are equal in all
+    simulations; kernels see a copy of those of the first simulation. Under names that begin as one of `scratch`
+    integers may differ. Lanes that are left over show the first simulation. Raises SpecError, which names the field,
+    where shapes or what must be equal differ.
     """
 
-    def __init__(self, values: Sequence[Any]) -> None:
+    def __init__(self, values: Sequence[Any], common: Collection[str] = (), scratch: tuple[str, ...] = ()) -> None:
+        self._common, self._scratch = frozenset(common), scratch
         self._pairs: dict[str, tuple[LaneArray, list[np.ndarray]]] = {}
-        self._blocks = _blocks(_arrays(values[0]))
+        self._blocks = _blocks(_arrays(values[0], '', self._common))
         self.value = self._mirrored([*values, *[values[0]] * (LANES - len(values))], '')
 
     def _mirrored(self, values: list[Any], path: str) -> Any:
@@ -38,10 +40,10 @@ class Mirror:
                 *(self._mirrored([v[k] for v in values], f'{path}.{name}' if path else name)
                   for k, name in enumerate(first._fields))  # type: ignore[attr-defined]
             )  # fmt: skip
-        if not _is_float(first):
-            if any(not _alike(first, other) for other in values[1:]):
+        if path in self._common or not _is_float(first):
+            if not path.startswith(self._scratch) and any(not _alike(first, other) for other in values[1:]):
                 raise SpecError(f'Ensemble: {path} differs between its simulations; make one Ensemble of those alike')
-            return first
+            return first.copy() if isinstance(first, np.ndarray) else first
         if not isinstance(first, np.ndarray):
             return Lane(values)
         if any(v.shape != first.shape for v in values):
@@ -75,11 +77,14 @@ def _alike(a: Any, b: Any) -> bool:
     return np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b
 
 
-def _arrays(value: Any) -> list[np.ndarray]:
+def _arrays(value: Any, path: str, common: frozenset[str]) -> list[np.ndarray]:
     """The arrays of float that become lanes."""
     if isinstance(value, tuple):
-        return [array for one in value for array in _arrays(one)]
-    return [value] if isinstance(value, np.ndarray) and value.dtype == float and value.size else []
+        names = value._fields  # type: ignore[attr-defined]
+        return [a for name, v in zip(names, value, strict=True)
+                for a in _arrays(v, f'{path}.{name}' if path else name, common)]  # fmt: skip
+    here = isinstance(value, np.ndarray) and value.dtype == float and value.size and path not in common
+    return [value] if here else []
 
 
 def _blocks(arrays: list[np.ndarray]) -> list[tuple[int, int, np.ndarray]]:

@@ -32,7 +32,7 @@ DIGEST = disk.digest(*(disk.syntax(p.read_bytes()) for p in sorted(Path(__file__
 class LaneType(FieldType):
     """A float64 of every lane."""
 
-    words = 1
+    words, of_lanes = 1, True
 
     def __init__(self) -> None:
         super().__init__(name=f'Lane({LANES}, {DIGEST})')
@@ -52,6 +52,8 @@ class LaneType(FieldType):
 
 class MaskType(types.Type):
     """A truth value of every lane."""
+
+    of_lanes = True
 
     def __init__(self) -> None:
         super().__init__(name=f'LaneMask({LANES}, {DIGEST})')
