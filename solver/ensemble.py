@@ -24,6 +24,7 @@ from solver.engine.stepping import Stepping
 from solver.errors import SpecError, StepError, suggestion
 from solver.levels import simulation_of
 from solver.levels.single_track_engine import SingleTrack
+from solver.output.seen import Seen
 from solver.output.snapshot import Channels, Snapshot
 from solver.quantities import quantity
 from solver.scene import Scene
@@ -81,6 +82,16 @@ class Ensemble:
         return len(self.simulations)
 
     @property
+    def sees(self) -> bool:
+        """True where rows of what is shown (advance) are filled in lanes."""
+        return self.in_lanes and all(group.sees for group, _ in self._groups)
+
+    def load(self) -> None:
+        """Load the kernels of lanes, or compile them, now and not with the first step."""
+        for group, _ in self._groups:
+            group.load()
+
+    @property
     def channels(self) -> Channels:
         """The names in what is shown, which all have in common."""
         return self.simulations[0].channels
@@ -93,41 +104,72 @@ class Ensemble:
                 return f'simulation {k}: {why}'
         return ''
 
-    def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> list[Snapshot]:
+    def advance(
+        self,
+        n: int = 1,
+        inputs: np.ndarray | None = None,
+        *,
+        audit: bool = True,
+        seen: Sequence[Seen] | None = None,
+    ) -> list[Snapshot]:
         """Advance all that did not fail n steps; the Snapshot of each, of those that failed the last good one.
 
         inputs: (nu,) held by all, (n, nu) a row a step for all, (N, n, nu) rows of each, or (N, 1, nu) held by each; in
         SI units and the order of channels.inputs. None samples the maneuver of each. Simulations with a driver or an
-        assistance that look at every step go one after the other, and so do bodies with audit. audit: see
-        Simulation.advance(). What fails is noted
-        in `failures`, and goes on after reset() or restore() of its simulation and a failure set to ''. Raises
-        SpecError for inputs of another shape, and for a number of steps that is none."""
+        assistance that look at every step go one after the other. audit: see Simulation.advance(). seen: a table for
+        each that takes rows of what it shows (Simulation.seen()). What fails is noted in `failures`, and goes on after
+        reset() or restore() of its simulation and a failure set to ''. Raises SpecError for inputs of another shape,
+        for a number of steps that is none, and for tables that do not fit.
+        """
         if not isinstance(n, int | np.integer) or n < 0:
             raise SpecError(f'Ensemble: n = {n!r}: steps are a whole number, 0 at least')
         audit = audit or bool(self.channels.energies)  # which are those of the account
+        self._clear(seen, n)
         rows = self._rows(n, inputs)
         waiting = {k for k, failure in enumerate(self.failures) if not failure}
         size = max((len(members) for _, members in self._groups), default=0)
         for at, (group, members) in enumerate(self._groups):
             lanes = [k for k in range(len(members)) if at * size + k in waiting and rows[at * size + k] is not None]
-            if len(lanes) >= FEWEST and (group.audits or not audit):
-                self._advance_group(at * size, group, members, lanes, rows, n, audit)
+            alike = seen is None or (group.sees and len({one.every for one in seen}) == 1)
+            if len(lanes) >= FEWEST and alike:
+                self._advance_group(at * size, group, members, lanes, rows, n, audit, seen)
                 waiting.difference_update(at * size + k for k in lanes)
         for k in sorted(waiting):
             with self._noting(k):
-                self.simulations[k].advance(n, rows[k], audit=audit)
+                self.simulations[k].advance(n, rows[k], audit=audit, seen=None if seen is None else seen[k])
         return [simulation.snapshot() for simulation in self.simulations]
 
+    def _clear(self, seen: Sequence[Seen] | None, n: int) -> None:
+        """Make tables ready for n steps. Raises SpecError where one is missing or too small."""
+        if seen is None:
+            return
+        if len(seen) != len(self):
+            raise SpecError(f'Ensemble: {len(seen)} tables of rows for {len(self)} simulations; give one for each')
+        for k, (one, simulation) in enumerate(zip(seen, self.simulations, strict=True)):
+            if not one.fits(simulation.k, n):
+                raise SpecError(f'Ensemble: {n} steps of simulation {k} have more than {one.most} rows; give it more')
+        for one in seen:
+            one.clear()
+
     def _advance_group(
-        self, first: int, group: Any, members: list[Simulation], lanes: list[int], rows: Rows, n: int, audit: bool
+        self,
+        first: int,
+        group: Any,
+        members: list[Simulation],
+        lanes: list[int],
+        rows: Rows,
+        n: int,
+        audit: bool,
+        seen: Sequence[Seen] | None,
     ) -> None:
         """Advance these lanes of a group, whose first simulation is the one with the index `first`."""
         from solver.engine.lanes import advance_group
 
         given = {k: row for k in lanes if (row := rows[first + k]) is not None}
+        tables = None if seen is None else {k: seen[first + k] for k in given}
         for k in given:
             group.lasts[k][:] = members[k].inputs
-        for k, moved in advance_group(group, [s.k for s in members], given, n, audit).items():
+        for k, moved in advance_group(group, [s.k for s in members], given, n, audit, tables).items():
             with self._noting(first + k):
                 members[k].moved(moved, given[k], group.lasts[k])
 

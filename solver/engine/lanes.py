@@ -11,7 +11,7 @@ returns.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from solver.compiled.lanes.agreement import Flags
 from solver.compiled.lanes.arrays import LaneArray
 from solver.compiled.lanes.transfer import Transfer, put_in, take_out
 from solver.engine import Moved
+from solver.output.seen import Seen
 from solver.output.snapshot import NO_STEPS, Counters
 
 # Steps of a block, at most and at least. It is halved where a lane left, since that is alone until the next one, and
@@ -40,10 +41,11 @@ class Group(Protocol):
     block: int  # steps of the next block
     inputs: LaneArray  # (BLOCK, nu) of the next steps
     state: Transfer  # everything that a step changes and the future depends on
-    shown: Transfer  # everything else that a lane leaves behind
-
-    audits: bool  # it keeps the account of energy
     shows: int  # evaluations that the outputs of a call count as
+    sees: bool  # it fills rows of what is shown
+
+    def load(self) -> None:
+        """Load or compile all kernels, by no step."""
 
     def ready(self, lane: int) -> bool:
         """True where the next step of this lane's engine is like those of the others."""
@@ -51,16 +53,30 @@ class Group(Protocol):
     def prepare(self, lane: int) -> None:
         """Bring the state of this lane's engine to where it is copied from."""
 
-    def run(self, count: int, audit: bool, final: bool, left: np.ndarray) -> None:
+    def run(self, count: int, audit: bool, final: bool, left: np.ndarray, rows: Rows) -> None:
         """Advance all lanes `count` steps with the rows of `inputs`, or until none is left; left (LANES,)
         becomes the step at which a lane left, and stays -1 of those that did not."""
 
     def finish(self, lane: int) -> None:
-        """Behind steps in lanes: show what was copied to this lane's engine."""
+        """Behind the last step in lanes: show what it led to in this lane's engine."""
 
     def stepped(self, lane: int, steps: int) -> Counters:
         """Behind so many steps in lanes, when their state was copied to this lane's engine: what else they change
         there. Counters of these steps."""
+
+
+class Rows(NamedTuple):
+    """Rows that a block fills (solver.output.seen), behind each step that `every` divides; every = 0: none. first: step
+    of the grid that the block begins with. table (LANES, 2): addresses of the numbers shown by each, and of its first
+    row."""
+
+    every: int
+    first: int
+    size: int  # numbers of a row
+    table: np.ndarray
+
+
+NO_ROWS = Rows(0, 0, 0, np.zeros((LANES, 2), np.int64))
 
 
 @kernel(borrow=True)
@@ -76,21 +92,30 @@ def leave(table, flags, step, left):
 
 
 def advance_group(
-    group: Group, ks: Sequence[int], inputs: Mapping[int, np.ndarray], n: int, audit: bool
+    group: Group,
+    ks: Sequence[int],
+    inputs: Mapping[int, np.ndarray],
+    n: int,
+    audit: bool,
+    seen: Mapping[int, Seen] | None = None,
 ) -> dict[int, Moved]:
     """n steps of the engines in these lanes of a group, from step ks[lane] on, with a row of inputs[lane] each; a
-    single row holds for all. Results as of Engine.advance() of each."""
+    single row holds for all. seen: takes rows of each, of the same `every`, and is empty. Results as of
+    Engine.advance() of each."""
     engines, size = group.engines, len(group.engines)
     moved: dict[int, Moved] = {}  # of those that ended
     for lane, given in inputs.items():
         if not np.isfinite(given).all():  # refused before anything is advanced
             moved[lane] = engines[lane].advance(ks[lane], given, n, audit, group.lasts[lane])
+        else:
+            engines[lane].shown.current()
     done, total = [0] * size, [NO_STEPS] * size
     shown = {lane: engines[lane].shown.numbers.copy() for lane in inputs}
     left = np.empty(LANES, np.int64)
     rows = group.inputs.numbers
     there: set[int] = set()  # lanes that hold the state of their engine
     first, count = 0, 0
+    every = next(iter(seen.values())).every if seen else 0
     while (first := first + count) < n:
         count = min(group.block, n - first)
         final = first + count == n
@@ -98,6 +123,8 @@ def advance_group(
         if not going:
             break
         together = [lane for lane in going if group.ready(lane)]
+        if every and together:  # whose turns are those of the first one
+            together = [lane for lane in together if (ks[lane] - ks[together[0]]) % every == 0]
         left[:] = 0
         if together:
             for lane in range(LANES):
@@ -109,7 +136,7 @@ def advance_group(
             group.flags.words[:] = sum(1 << lane for lane in together), 0
             group.flags.bind()
             left[together] = -1
-            group.run(count, audit, final, left)
+            group.run(count, audit, final, left, _to_fill(engines, ks[together[0]] + first, every, together, seen))
         there.clear()
         all_stayed = (left[going] < 0).all()
         group.block = min(BLOCK, 2 * group.block) if all_stayed else max(SHORTEST, group.block // 2)
@@ -118,26 +145,38 @@ def advance_group(
             if stayed == count:
                 take_out(group.state.table, lane, False)
                 there.add(lane)
+            if seen and stayed:
+                k = ks[lane] + done[lane]
+                seen[lane].took(k, (k + stayed) // every - k // every)
             if stayed:
                 done[lane] += stayed
                 total[lane] = total[lane].followed_by(group.stepped(lane, stayed))
             if stayed == count:
                 if final:
-                    take_out(group.shown.table, lane, False)
                     group.finish(lane)
                 continue
             rest = np.ascontiguousarray(_rows(inputs[lane], first + stayed, count - stayed))
-            part = engines[lane].advance(ks[lane] + done[lane], rest, count - stayed, audit, group.lasts[lane])
+            own = seen[lane] if seen else None
+            part = engines[lane].advance(ks[lane] + done[lane], rest, count - stayed, audit, group.lasts[lane], own)
             done[lane] += part.steps
             counters = part.counters
-            if part.steps and not (final or audit or part.failure):  # outputs that nobody sees
+            looked = audit or final or (every and (ks[lane] + done[lane]) % every == 0)
+            if part.steps and not (looked or part.failure):  # outputs that nobody sees
                 counters = counters._replace(evaluations=counters.evaluations - group.shows)
             total[lane] = total[lane].followed_by(counters)
             if part.failure or part.steps < count - stayed:  # failed, or somebody asks for an end
                 moved[lane] = Moved(done[lane], total[lane], part.failure)
             if part.failure:
-                engines[lane].shown.numbers[:] = shown[lane]
+                engines[lane].shown.numbers[:] = own.numbers[-1] if own and len(own.steps) else shown[lane]
     return {lane: moved.get(lane) or Moved(done[lane], total[lane]) for lane in inputs}
+
+
+def _to_fill(engines: Sequence[Any], k: int, every: int, lanes: Sequence[int], seen: Mapping[int, Seen] | None) -> Rows:
+    """Rows of a block from step k on."""
+    table = np.zeros((LANES, 2), np.int64)
+    for lane in lanes if seen else ():
+        table[lane] = engines[lane].shown.numbers.ctypes.data, seen[lane].free.ctypes.data  # type: ignore[index]
+    return Rows(every, k, len(engines[0].shown.numbers), table)
 
 
 def _rows(inputs: np.ndarray, first: int, count: int) -> np.ndarray:

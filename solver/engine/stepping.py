@@ -79,6 +79,8 @@ class Stepping:
             'constraints in block form': scheme.form != CONDENSED,
         }
         why = next((f'integrator: {why}' for why, here in reasons.items() if here), '')
+        if self.shown.branches is not None:
+            why = 'branch switches are looked for behind every step'
         spec = self.shown.model.spec
         names = [*(kind.name for kind in FORCES), *(kind.name for kind in CONSTRAINTS)]
         kinds = (name for name in names if getattr(spec, name))

@@ -14,9 +14,9 @@ from solver.compiled.lanes import LANES
 from solver.compiled.lanes.agreement import Flags
 from solver.compiled.lanes.arrays import LaneArray
 from solver.compiled.lanes.mirror import Mirror
-from solver.compiled.lanes.transfer import Transfer, keep
+from solver.compiled.lanes.transfer import Transfer, keep, put_in, take_out
 from solver.compiled.memory import zeros
-from solver.engine.lanes import BLOCK, leave
+from solver.engine.lanes import BLOCK, NO_ROWS, Rows, leave
 from solver.levels.single_track_engine import SingleTrack
 from solver.levels.track_step import advance_once, show_end
 from solver.levels.track_tables import SingleTrackTables, SingleTrackWork
@@ -56,7 +56,7 @@ def _run(tracks, box, index, count, audit, final, h, parts, kept, flags, left):
 class TrackGroup:
     """See solver.engine.lanes.Group."""
 
-    shows, audits = 0, True
+    shows, sees = 0, False
 
     def __init__(self, engines: Sequence[SingleTrack], lasts: Sequence[np.ndarray]) -> None:
         self.engines, self.lasts, self.flags, self.block = engines, lasts, Flags(), BLOCK
@@ -65,10 +65,16 @@ class TrackGroup:
         )
         state = ('y', 'before', 'work.account.numbers', 'work.reached', 'work.steered')
         self.state = Transfer(self._mirror.pairs(state))
-        self.shown = Transfer(self._mirror.pairs(('work.rates', 'work.told')))
+        self._shown = Transfer(self._mirror.pairs(('work.rates', 'work.told')))
         self._tracks = Ref(self._mirror.value)
         self.inputs = LaneArray(zeros((BLOCK, len(lasts[0]), LANES)))
         self._box = Ref(_Box(self.inputs))
+
+    def load(self) -> None:
+        """See Group.load()."""
+        put_in(self.state.table, 0, 0)
+        take_out(self.state.table, 0, False)
+        self.run(0, True, False, np.zeros(LANES, np.int64), NO_ROWS)
 
     def ready(self, lane: int) -> bool:
         """Always: all steps are like the others."""
@@ -77,7 +83,7 @@ class TrackGroup:
     def prepare(self, lane: int) -> None:
         """Nothing to do: the state stays in its place."""
 
-    def run(self, count: int, audit: bool, final: bool, left: np.ndarray) -> None:
+    def run(self, count: int, audit: bool, final: bool, left: np.ndarray, rows: Rows) -> None:
         """See Group.run()."""
         first = self.engines[0]
         _run(
@@ -87,6 +93,7 @@ class TrackGroup:
 
     def finish(self, lane: int) -> None:
         """See Group.finish()."""
+        take_out(self._shown.table, lane, False)
         e = self.engines[lane]
         show_end(e.tables, e.y, self.lasts[lane], e.index, e.scratch, e.frame)
 

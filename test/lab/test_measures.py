@@ -72,7 +72,7 @@ def test_what_is_measured_is_shown() -> None:
 @pytest.mark.slow
 def test_cars_in_lanes_make_the_steps_that_they_make_alone() -> None:
     """Of each round those in lanes are taken back, and made one after the other."""
-    case = lanes.Lanes('light_car_step_steer', [])
+    case = lanes.Lanes('light_car_step_steer', [], ['single_track'])
     case.round(lanes.BATCH)
     ensemble, rows = case._cars['single_track']
     alone = ensemble.simulations[3].twin(10.0)
@@ -80,7 +80,10 @@ def test_cars_in_lanes_make_the_steps_that_they_make_alone() -> None:
     alone.advance(lanes.BATCH, rows[3, lanes.SKIPPED : lanes.SKIPPED + lanes.BATCH])
     assert alone.snapshot().numbers.tobytes() == ensemble.simulations[3].snapshot().numbers.tobytes()
     found = case.figures()
-    assert list(found['figures']) == list(lanes.FIGURES) and found['steps'] == lanes.BATCH
+    assert (
+        list(found['figures']) == [name for name in lanes.FIGURES if name.startswith('single_track')]
+        and found['steps'] == lanes.BATCH
+    )
     assert all(value > 0.0 for value in found['figures'].values())
 
 

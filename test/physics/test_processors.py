@@ -164,7 +164,7 @@ SHOWN = (
     'start/reach.py',  # says why a step has failed
 )
 # Files that tell numba what to compile for these functions, or are compiled by way of that.
-FOR_NUMBA = ('compiled/dual.py', 'compiled/so3.py', 'compiled/lanes/functions.py')
+FOR_NUMBA = ('compiled/dual.py', 'compiled/so3.py', 'compiled/lanes/dual.py', 'compiled/lanes/functions.py')
 CHOSEN_BY_THE_PROCESSOR = {
     *(
         'sin',

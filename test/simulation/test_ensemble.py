@@ -255,6 +255,23 @@ def test_what_is_asked_wrongly_is_refused_in_one_sentence_and_changes_nothing() 
     assert ensemble.field('k').tolist() == [3, 3]
 
 
+def advance_both(together: Ensemble, alone: list[Simulation], n: int, inputs=None, *, audit=True, every=0) -> None:
+    """Advance those in lanes, and each alone: they fail alike, and take the same rows behind every so many steps."""
+    seen = [one.seen(every, n) for one in together.simulations] if every else None
+    together.advance(n, inputs, audit=audit, seen=seen)
+    for k, one in enumerate(alone):
+        own = one.seen(every, n) if every else None
+        if together.failures[k] and not one.k < together.simulations[k].k:
+            continue  # it failed in a call before
+        try:
+            one.advance(n, None if inputs is None else inputs[k], audit=audit, seen=own)
+        except solver.StepError as error:
+            assert together.failures[k] == str(error)
+        if seen is not None and own is not None:
+            assert own.steps.tolist() == seen[k].steps.tolist(), f'simulation {k}'
+            assert own.numbers.tobytes() == seen[k].numbers.tobytes(), f'simulation {k}'
+
+
 def cranks() -> list[Simulation]:
     """Slider-cranks with other loads and speeds, which pass singular positions at other times."""
     return [
@@ -266,13 +283,11 @@ def cranks() -> list[Simulation]:
 @pytest.mark.long
 def test_bodies_have_the_bits_of_their_single_runs() -> None:
     """Iterations to a tolerance, whose number differs: whoever needs more goes on alone. One has a velocity that is not
-    finite and fails, as alone. With the account of energy bodies step one after the other."""
+    finite and fails, as alone. With and without an account of energy and rows of what is shown."""
     together, alone = Ensemble(cranks()), cranks()
     assert together.in_lanes
-    for n, audit in ((300, False), (7, False), (20, True), (300, False)):
-        together.advance(n, audit=audit)
-        for one in alone:
-            one.advance(n, audit=audit)
+    for n, audit, every in ((300, False, 0), (7, True, 0), (40, False, 3), (301, True, 3), (9, True, 0)):
+        advance_both(together, alone, n, audit=audit, every=every)
         require_same(together, alone)
     for each in (together.simulations, alone):
         each[3].state.v[0, 0] = np.nan
@@ -290,8 +305,8 @@ def test_bodies_have_the_bits_of_their_single_runs() -> None:
 @pytest.mark.long
 @pytest.mark.parametrize('name', ['car_step_steer', 'car_split_mu_brake', 'car_sine_with_dwell'])
 def test_cars_of_level_kc_have_the_bits_of_their_single_runs(name: str) -> None:
-    """Eight amplitudes of the steering, beyond what the tires hold."""
-    first = solver.simulation_of(load_scene(name, ['fidelity=kc']))
+    """Eight amplitudes of the steering, beyond what the tires hold, with the energies that they exchange."""
+    first = solver.simulation_of(load_scene(name, ['fidelity=kc', 'record.energies=100']))
     together = Ensemble([first, *(first.twin(first.scene.duration) for _ in range(COUNT - 1))])
     alone = [first.twin(first.scene.duration) for _ in range(COUNT)]
     assert together.in_lanes, together.why
@@ -299,12 +314,8 @@ def test_cars_of_level_kc_have_the_bits_of_their_single_runs(name: str) -> None:
     rows = np.repeat(first.source.table(0, steps)[None], COUNT, axis=0)
     steering = [name.startswith('steering') for name in together.channels.inputs]
     rows[:, :, steering] *= 0.4 * np.arange(COUNT)[:, None, None]
-    together.advance(steps, rows, audit=False)
-    for k, one in enumerate(alone):
-        try:
-            one.advance(steps, rows[k], audit=False)
-        except solver.StepError as error:
-            assert together.failures[k] == str(error)
+    advance_both(together, alone, steps - 300, rows[:, :-300], every=7)
+    advance_both(together, alone, 300, rows[:, -300:], audit=False)
     require_same(together, alone)
 
 

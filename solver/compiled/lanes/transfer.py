@@ -76,3 +76,24 @@ def put_in(table, lane, source):
     for row in range(table.shape[0]):
         for k in range(table[row, 2]):
             _set_number(table[row, 0], LANES * k + lane, _number(table[row, ALONE + source], k))
+
+
+@kernel(borrow=True)
+def take_out_all(table, lanes):
+    """Copy these lanes, bits of which lane 0 is the lowest, to their simulations. Numbers of all lanes lie side by
+    side, so that they are read once."""
+    for row in range(table.shape[0]):
+        for k in range(table[row, 2]):
+            for lane in range(LANES):
+                if (lanes >> lane) & 1:
+                    _set_number(table[row, ALONE + lane], k, _number(table[row, 0], LANES * k + lane))
+
+
+@kernel(borrow=True)
+def take_rows(table, size, at, lanes):
+    """Copy the numbers that these simulations show to row `at` of their tables of rows. table (LANES, 2): addresses of
+    the numbers and of the first row, each of so many float64."""
+    for lane in range(LANES):
+        if (lanes >> lane) & 1:
+            for i in range(size):
+                _set_number(table[lane, 1], at * size + i, _number(table[lane, 0], i))
