@@ -68,11 +68,12 @@ class Inputs:
     def steering(self, known: Steering) -> np.ndarray:
         """(steps, 3) angle, rate and acceleration of the steering wheel at the ends of all steps."""
         ends = self.window.begin + self.h * np.arange(1, self.chunks * CHUNK + 1)
-        at = np.clip(ends + known.delay, *self._ends)
-        inside = (at > self._ends[0]) & (at < self._ends[1])
+        wanted = ends + known.delay
+        at = np.clip(wanted, *self._ends)
         angle, rate, acceleration = (self._steering(at, k) for k in range(3))
-        rate, acceleration = np.where(inside, rate, 0.0), np.where(inside, acceleration, 0.0)
-        angle = angle + known.offset
+        # beyond the recording straight on, as the natural spline ends: a rate that jumped there would make the
+        # derivative by the delay one of its step
+        angle = angle + rate * (wanted - at) + known.offset
         if known.lag > 0.0:
             angle, rate, acceleration = _lagged(angle, rate, self.h, known.lag)
         angle, rate, acceleration = (known.gain * one for one in (angle, rate, acceleration))
