@@ -313,6 +313,10 @@ class Problem:
                     sides[j].append((d, np.concatenate(self.signals(_moved(x, j, d), rows, which))))
             else:
                 sides[j].append((d, np.concatenate(self.signals(_moved(x, j, d), motions, which))))
+        for j in [j for j in failed if not central and sides[j][1][0] == 0.0 and low[j] <= x[j] - step]:
+            rows = self.many([_moved(x, j, -step)], which)[0]
+            if not isinstance(rows, MbdError):
+                sides[j][1] = -step, np.concatenate(self.signals(_moved(x, j, -step), rows, which))
         for j, ((above, a), (below, b)) in sides.items():
             if above == below:
                 raise failed.get(j) or SpecError(f'{self.unknowns[j].name}: cannot move between its bounds')

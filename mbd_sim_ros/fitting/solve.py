@@ -21,6 +21,10 @@ LONGEST = 3.0  # widths of a step of the vehicle: ten times as much leaves where
 # runs
 NEAR = 1.0
 OLDEST = 3  # steps with the same derivatives; ten times as many creep
+# of the sum of squares, gained in all by so many iterations: signals with kinks, as those of commands that are held,
+# have derivatives that promise more than there is; such a fit is at rest within a third of an sd. Ten times as much:
+# one sd
+SLOW, LAST = 0.1, 8
 MOST = 40  # iterations; ten times as many would wait for what does not converge
 
 
@@ -67,7 +71,11 @@ def descend(
         return float(white @ white + np.sum(prior * x * x))
 
     cost, damping, central = cost_of(x, r), 1e-3, isinstance(begin, Found)
+    costs: list[float] = []
     for k in range(MOST):
+        costs.append(cost)
+        if k >= LAST and costs[k - LAST] - cost < SLOW:
+            return Found(x, motions, r, problem.jacobian(x, which, motions, columns), cost)
         say(f'iteration {k + 1}: sum of squares {cost:.6g}')
         W = problem.white(J, which)[:, columns]
         A = W.T @ W + np.diag(prior[columns])

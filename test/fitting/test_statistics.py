@@ -13,6 +13,7 @@ from mbd_sim_ros.fitting.problem import Piece, Problem
 from mbd_sim_ros.fitting.recordings import Window
 from mbd_sim_ros.fitting.solve import descend
 from mbd_sim_ros.fitting.unknowns import Unknown
+from solver.errors import StepError
 
 
 class Linear(Problem):
@@ -108,3 +109,27 @@ def test_whitened() -> None:
     t = np.sort(np.random.default_rng(0).random(30))
     L = Noise(0.2, 1.0, 0.3).factor(t)
     assert np.allclose(whitened(L, L @ L.T) @ np.linalg.inv(L).T, np.eye(30), atol=1e-9)
+
+
+def test_derivative_at_the_edge_of_what_a_vehicle_can_have() -> None:
+    """One-sided derivatives are taken from the other side where no vehicle has the number on the first one; without
+    both sides the error says why."""
+    problem = Linear(1, windows=2, discrepancy=0.1)
+    which, x = problem.of('fit'), np.array([0.3, -0.2, 0.1])
+    high, low = 0.31, -1.0
+
+    def many(points, which):
+        return [
+            [problem.basis[k] @ p for k in which] if low <= p[0] <= high else StepError('no vehicle has this number')
+            for p in points
+        ]
+
+    problem.many = many
+    motions = many([x], which)[0]
+    exact = np.concatenate([problem.basis[k] for k in which])
+    for central in (False, True):
+        J = problem.jacobian(x, which, motions, central=central)
+        assert np.allclose(J, exact, atol=1e-9)
+    low = 0.29
+    with pytest.raises(StepError, match='no vehicle has this number'):
+        problem.jacobian(x, which, motions, central=False)
