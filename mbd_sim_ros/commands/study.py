@@ -46,6 +46,12 @@ def add(parsers: Any) -> None:
         help='of the study trade: runs at a time (default: as many as there are cores)',
     )
     parser.add_argument(
+        '--data',
+        metavar='DIR',
+        type=Path,
+        help='of the study reality: directory with recordings of real vehicles (docs/reality.md)',
+    )
+    parser.add_argument(
         '--out', metavar='DIR', type=Path, help='directory of the report (default: out/NAME, or out/NAME/SCENE)'
     )
     parser.add_argument('--quick', action='store_true', help='a few runs only: for a first look, not for conclusions')
@@ -118,6 +124,17 @@ def _options(args: argparse.Namespace) -> dict[str, Any]:
     from solver.errors import SpecError
     from solver.files.scene import load_scene
 
+    if not studies.of_data(args.name):
+        if args.data is not None:
+            raise SpecError(f'study {args.name!r}: takes no recordings; remove --data')
+        given_data: dict[str, Any] = {}
+    elif args.data is None:
+        raise SpecError(
+            f'study {args.name!r}: --data is missing: a directory with recordings of real vehicles, which are not part '
+            'of this project; docs/reality.md says where they are to be had'
+        )
+    else:
+        given_data = {'data': args.data}
     samples = {key: value for key in ('n', 'seed') if (value := getattr(args, key)) is not None}
     if samples and not studies.draws(args.name):
         raise SpecError(f'study {args.name!r}: draws no samples; remove {", ".join("--" + key for key in samples)}')
@@ -128,7 +145,7 @@ def _options(args: argparse.Namespace) -> dict[str, Any]:
         given = args.scene or (args.overrides and '--set') or (args.workers is not None and '--workers')
         if given:
             raise SpecError(f'study {args.name!r}: takes no scene, but {given!r} is given; remove it')
-        return samples
+        return {**samples, **given_data}
     if args.scene is None:
         raise SpecError(f'study {args.name!r}: the scene is missing; e.g. mbd study {args.name} car_step_steer')
     if args.workers is not None and args.workers < 1:

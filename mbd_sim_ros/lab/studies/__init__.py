@@ -16,6 +16,8 @@ STUDIES names the module of every study. Such a module has
 A study of a scene of the user's choice has OF_SCENE = True, and study() takes scene (a Scene) and workers (runs at a
 time, None for as many as there are cores) too.
 
+A study of recordings that this project does not hold has OF_DATA = True, and study() takes data, their directory.
+
 One that draws random samples has DRAWS = True, and study() takes n and seed, their number (None: its own) and that of
 their series. Studies that take minutes keep their results in cells.py, cell by cell, so that they go on where they were
 interrupted.
@@ -64,6 +66,7 @@ STUDIES: dict[str, str] = {  # name: module
     'drives': 'mbd_sim_ros.lab.studies.drives',
     'constants': 'mbd_sim_ros.lab.studies.constants',
     'fit_coverage': 'mbd_sim_ros.lab.studies.fit_coverage',
+    'reality': 'mbd_sim_ros.lab.studies.reality',
     'change_points': 'mbd_sim_ros.lab.studies.change_points',
 }
 
@@ -99,6 +102,11 @@ def of_scene(name: str) -> bool:
     return getattr(module(name), 'OF_SCENE', False)
 
 
+def of_data(name: str) -> bool:
+    """True where a study wants recordings of others. Raises SpecError for an unknown name."""
+    return getattr(module(name), 'OF_DATA', False)
+
+
 def draws(name: str) -> bool:
     """True where a study draws samples. Raises SpecError for an unknown name."""
     return getattr(module(name), 'DRAWS', False)
@@ -106,7 +114,7 @@ def draws(name: str) -> bool:
 
 def run(name: str, out: Path, *, quick: bool, progress: Progress, **options: Any) -> dict:
     """Run a study into the directory `out`, made if need be; options: scene and workers of those that want a scene, n
-    and seed of those that draw samples.
+    and seed of those that draw samples, data of those of recordings.
 
     Raises SpecError, OSError and what the study raises.
     """
