@@ -2,8 +2,8 @@
 
 1. The vehicle as it is given: only steering and sensors are fitted. Its error on what is held out is that *before*.
 2. All unknowns, three times: from the second time on the residuals are weighted by their own noise and discrepancy.
-3. The covariance is that of the weights, and no smaller than that of a bootstrap over windows: a fit whose residuals
-   are not what the weights say scatters more.
+3. The intervals are those of the scatter of the windows, which are right also where residuals are not what the weights
+   say (covariance.py).
 4. What is held out is driven by the result. A result that predicts it worse is refused.
 """
 
@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from mbd_sim_ros.fitting.covariance import covariance_of
 from mbd_sim_ros.fitting.foresight import Told, require_told, told_by
 from mbd_sim_ros.fitting.foresight import preflight as look_ahead
 from mbd_sim_ros.fitting.noise import Noise, estimated
@@ -32,7 +33,6 @@ RECENTRED = 6  # times that a level is derived anew; ten times as many would wai
 # of the least sd of an unknown, the others held: by which a result may move from where it was derived; ten times as
 # much takes a linear level far from its centre
 SAME = 0.3
-REPLICATES = 1000  # of the bootstrap: an sd to 2 %; ten times as many: to 0.7 %
 # of the weighted error on what is held out: from there on a result predicts it worse; 1.2 lets pass what is worse by a
 # fifth
 WORSE = 1.02
@@ -45,8 +45,8 @@ Say = Callable[[str], None]
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """A parameter: value, 95 % interval, sd; sd of the bootstrap over that of the weights; whether the recordings tell
-    it."""
+    """A parameter: value, 95 % interval, half of it over 1.96; the interval over that of the weights alone; whether the
+    recordings tell it."""
 
     name: str
     unit: str
@@ -54,7 +54,7 @@ class Estimate:
     low: float
     high: float
     sd: float
-    bootstrap: float
+    widened: float
     told: bool
     sought: bool
 
@@ -111,6 +111,9 @@ def _fit(problem: Problem, out: str | Path | None, say: Say) -> Fitted:
     say('steering and sensors alone')
     try:
         first = descend(problem, problem.start, which, alone, say, 0.1)
+        problem.leave_out_undriven(first.x)  # at the limit a little more steering makes it spin
+        problem.require_enough()
+        kept_out = problem.of('held_out')
         before_held = problem.residuals(first.x, kept_out)
     except StepError as error:
         raise StepError(
@@ -188,44 +191,6 @@ def noise_of(problem: Problem, r: np.ndarray, which: list[int]) -> dict[str, Noi
         size = float(np.std(np.concatenate([p.y for p in problem.pieces if p.channel == name])))
         found[name] = estimated(pieces, 1e-4 * size)
     return found
-
-
-def covariance_of(problem: Problem, found: Found) -> tuple[np.ndarray, np.ndarray]:
-    """(covariance of the vector, by which factor the bootstrap over windows widened each sd).
-
-    The bootstrap ([Efron1993]) takes windows with replacement, weighs gradient and information of each as often as it
-    was drawn, draws what is known before anew, and makes one step of Gauss-Newton: what a fit to these windows
-    would find. It sees correlations within windows whatever the weights say of them. With few windows it sees
-    little; its sd is multiplied by the quantile of Student's t over the normal one for as many.
-    """
-    which, prior = problem.of('fit'), problem.prior
-    W, r = problem.white(found.J, which), problem.white(found.r, which)
-    rows = problem.rows_of(which)
-    H = np.array([W[rows == k].T @ W[rows == k] for k in which])
-    g = np.array([W[rows == k].T @ r[rows == k] for k in which])
-    whole = np.linalg.inv(H.sum(axis=0) + np.diag(prior + 1e-12))
-    random = np.random.default_rng(problem.file.seed)
-    n, count = len(problem.unknowns), len(which)
-    steps = np.empty((REPLICATES, n))
-    root = np.sqrt(prior)
-    pull = prior * found.x
-    balance = g.sum(axis=0) - pull  # nearly zero in a minimum, but at bounds
-    for k in range(REPLICATES):
-        times = random.multinomial(count, np.full(count, 1.0 / count))
-        A = np.tensordot(times, H, 1) + np.diag(prior + 1e-12)
-        b = times @ g - pull - balance + root * random.standard_normal(n)
-        steps[k] = np.linalg.solve(A, b)
-    from scipy.stats import t as student
-
-    centred = steps - np.median(steps, axis=0)
-    # half the distance of the quantiles of one sd: a replicate with next to no information does not count
-    low, high = np.quantile(centred, [0.1587, 0.8413], axis=0)
-    scale = float(student.ppf(0.975, max(count - 1, 1))) / 1.96
-    # what is known before bounds it: a window with which the car nearly spins says less than that
-    spread = np.minimum(0.5 * (high - low) * scale, 1.0 / np.sqrt(np.maximum(prior, 1e-24)))
-    sd = np.sqrt(np.diag(whole))
-    factor = np.maximum(1.0, spread / sd)
-    return whole * np.outer(factor, factor), factor
 
 
 def _estimates(problem: Problem, found: Found, covariance: np.ndarray, ratio: np.ndarray) -> tuple[Estimate, ...]:
@@ -318,7 +283,7 @@ def report(fitted: Fitted) -> dict[str, Any]:
     return {
         'parameters': {
             name: {'value': e.value, 'low': e.low, 'high': e.high, 'told': e.told, 'sd': e.sd, 'unit': e.unit,
-                   'bootstrap': e.bootstrap}
+                   'widened': e.widened}
             for name, e in fitted.parameters.items()
         },
         'nuisances': {

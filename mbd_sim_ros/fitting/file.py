@@ -156,7 +156,7 @@ class Loads:
 @dataclass(frozen=True, kw_only=True)
 class FitFile:
     """A fit. step: of the integrator [s]; rate: samples of a second that are compared [1/s]; left out: 4 ms and 25 1/s
-    of a passenger car. set: KEY=VALUE of the scene. seed: of starts and of the bootstrap; starts: how many. constants:
+    of a passenger car. set: KEY=VALUE of the scene. seed: of starts and samples; starts: how many. constants:
     what is known of numbers of the vehicle that are not sought: their uncertainty is part of every interval; {} for
     those of docs/fitting.md, 'exact' for none."""
 

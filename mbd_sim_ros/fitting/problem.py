@@ -249,14 +249,15 @@ class Problem:
         """Windows of a use."""
         return [k for k, w in enumerate(self.windows) if w.use == use and k not in self.undriven]
 
-    def leave_out_undriven(self) -> None:
+    def leave_out_undriven(self, x: np.ndarray | None = None) -> None:
         """Leave out, and name, the windows that the vehicle as it is given cannot drive: it spins there, or a wheel
-        does."""
+        does. x: with its steering and sensors; left out: those of the start."""
+        x = self.start if x is None else x
         every = [*self.of('fit'), *self.of('held_out')]
-        if not every or not isinstance(self.many([self.start], every)[0], MbdError):
+        if not every or not isinstance(self.many([x], every)[0], MbdError):
             return
         for k in every:
-            error = self.many([self.start], [k])[0]
+            error = self.many([x], [k])[0]
             if isinstance(error, MbdError):
                 window = self.windows[k]
                 self.undriven.add(k)
@@ -265,12 +266,13 @@ class Problem:
                     f'{window.recording}: {window.first:.2f} to {window.last:.2f} s are left out: the vehicle as it is '
                     f'given cannot drive them ({why})'
                 )
-        if len(self.undriven) == len(every):
+        if len(self.undriven) == len(self.windows):
             raise BagError(
                 'recordings: the vehicle as it is given can drive none of the windows; check what drives it, and the '
                 f'units of its channels{_why(self.told)}'
             )
         self.pieces = [p for p in self.pieces if p.window not in self.undriven]
+        self._factors = {}  # by place among the pieces
 
     def residuals(self, x: np.ndarray, which: Sequence[int], motions: Sequence[np.ndarray] | None = None) -> np.ndarray:
         """Measured less predicted, of all pieces of windows one behind the other. Raises MbdError."""

@@ -144,11 +144,11 @@ def page(fitted: Fitted, rated: dict[str, dict[str, float | None]]) -> pages.Pag
     problem = fitted.problem
     others = [e for e in fitted.estimates if not e.sought]
     parameters: list[tuple[str, ...]] = [
-        ('parameter', 'value', '95 % from', 'to', 'known before', 'told by the recordings', 'bootstrap over weights')
+        ('parameter', 'value', '95 % from', 'to', 'known before', 'told by the recordings', 'over that of the weights')
     ]
     parameters += [
         (e.name, with_unit(f'{e.value:.5g}', e.unit), f'{e.low:.5g}', f'{e.high:.5g}', _known(problem, e.name),
-         'yes' if e.told else 'no: known before', f'{e.bootstrap:.2f}')
+         'yes' if e.told else 'no: known before', f'{e.widened:.2f}')
         for e in fitted.parameters.values()
     ]  # fmt: skip
     judged: list[tuple[str, ...]] = [
@@ -176,9 +176,9 @@ def page(fitted: Fitted, rated: dict[str, dict[str, float | None]]) -> pages.Pag
             pages.heading('Parameters'),
             pages.table(parameters),
             pages.text(
-                'An interval is that of the weights, widened where a bootstrap over windows scatters more (last '
-                'column). It contains what the constants below leave open, and not what the level itself lacks in all '
-                f'drives. {TRUST}.'
+                'An interval is that of the scatter of the windows (last column: over that of the weights alone). It '
+                'contains what the constants below leave open, and not what the level itself lacks in all drives. '
+                f'{TRUST}.'
             ),
             pages.heading('Recordings held out'),
             pages.table(judged),

@@ -15,6 +15,7 @@ import numpy as np
 from mbd_sim_ros.fitting.car import Number
 from mbd_sim_ros.fitting.driving import COLUMNS, Inputs, Steering
 from solver.compiled.kernel import kernel
+from solver.errors import StepError
 from solver.units import MODEL_GRAVITY
 from solver.vehicle.size import Size
 
@@ -91,7 +92,7 @@ class UsualTrack:
         """Nothing is derived."""
 
     def driven(self, values: Mapping[str, float], inputs: Sequence[Inputs], steering: Steering) -> list[np.ndarray]:
-        """Motions of windows, as of a vehicle."""
+        """Motions of windows, as of a vehicle. Raises StepError for one that spins."""
         values = {name: value for name, (value, _) in self.numbers.items()} | dict(values)
         p = np.array([
             values['mass'], values['yaw_inertia'], self.front, values['stiffness_front'],
@@ -106,6 +107,8 @@ class UsualTrack:
         speed = np.interp(self.h * (np.arange(delta.size) + 1.0), one.t, one.speed)
         out = np.zeros((delta.size, 3))
         follow(p, delta, speed, self.h, out)
+        if not (np.abs(out[:, 0]) < speed).all():  # also what is no number
+            raise StepError(f'recording {one.window.recording!r}: the vehicle spins: its sideslip passes 45 deg')
         rows = np.zeros((one.chunks + 1, COLUMNS))
         rows[1:, [7, 11, 1]] = out[chunk - 1 :: chunk]
         rows[:, 5], rows[:, 6], rows[:, 18] = rows[:, 11], one.speed, 1.0
