@@ -123,6 +123,8 @@ setup(
             'SALib',
             'distributed',
             'fmpy',
+            'gymnasium',
+            'control',
             'pandas',
             'pyarrow',
             'xarray',
@@ -139,6 +141,10 @@ setup(
             'colcon-python-setup-py',
             'colcon-recursive-crawl',
         ],
+        # Environments to learn driving in (mbd_sim_ros.learn).
+        'learn': ['gymnasium'],
+        # Design of controllers on linear models, in the examples of the documents.
+        'control': ['control'],
         # Units of co-simulation as controllers in a scene.
         'fmu': ['fmpy'],
         # The documents as a static site (make site).

@@ -19,6 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from solver.analysis.modes import matrices_at_rest, modes
+    from solver.analysis.reactions import joint_reaction
     from solver.ensemble import Ensemble
     from solver.errors import BagError, ConsistencyError, MbdError, SceneError, SpecError, StepError
     from solver.levels import simulation_of
@@ -45,9 +47,12 @@ __all__ = [
     'SpecError',
     'StepError',
     'advance_all',
+    'joint_reaction',
     'linear_model',
     'load_scene',
     'load_scene_text',
+    'matrices_at_rest',
+    'modes',
     'simulation_of',
 ]
 _HOMES = {  # public name -> module it is imported from when it is asked for
@@ -55,6 +60,8 @@ _HOMES = {  # public name -> module it is imported from when it is asked for
         ('BagError', 'ConsistencyError', 'MbdError', 'SceneError', 'SpecError', 'StepError'), 'solver.errors'
     ),
     **dict.fromkeys(('Channels', 'Snapshot'), 'solver.output.snapshot'),
+    **dict.fromkeys(('matrices_at_rest', 'modes'), 'solver.analysis.modes'),
+    'joint_reaction': 'solver.analysis.reactions',
     'Ensemble': 'solver.ensemble',
     **dict.fromkeys(('LinearModel', 'linear_model'), 'solver.reference.linearization'),
     'Scene': 'solver.scene',

@@ -41,7 +41,7 @@ LISTED = {  # heading of the navigation -> pages
     'Use': (
         *('docs/tutorial', 'docs/commands', 'docs/coming-from', 'docs/scene', 'docs/vehicle', 'docs/cars', 'docs/tire'),
         *('docs/levels', 'docs/sweeps', 'docs/viewing', 'docs/comparing', 'docs/fitting', 'docs/evaluating'),
-        *('bags/index', 'docs/driving', 'docs/ensembles', 'docs/native'),
+        *('bags/index', 'docs/driving', 'docs/ensembles', 'docs/learning', 'docs/control', 'docs/native'),
     ),
     'ROS and Python': ('docs/ros', 'docs/api', 'reference', 'docs/conventions'),
     'Method and evidence': (

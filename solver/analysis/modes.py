@@ -130,18 +130,34 @@ def eigenvalues(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
     return s, Z @ X[:n]
 
 
-def modes(simulation: Simulation) -> list[Mode]:
-    """Oscillating modes of a simulation at rest at its start, by frequency. Velocities are left out, of which a warning
-    tells where there are some; solver.linear_model() takes them."""
+def matrices_at_rest(simulation: Simulation) -> Linear:
+    """M, C, K and A of a simulation in its place now, at rest there and without inputs, in SI units; 6 rows of each
+    body in the order of `channels.bodies`: place in W [m], turn in the body [rad].
+
+    Velocities are left out, of which a warning tells where there are some; solver.linear_model() takes them. Raises
+    SpecError for a level of detail that has no bodies, and for struts.
+    """
+    return _at_rest(simulation, stacklevel=3)
+
+
+def _at_rest(simulation: Simulation, stacklevel: int) -> Linear:
     model, state = simulation.model, simulation.state
     fastest = float(np.abs(state.v).max(initial=0.0))
     if fastest > AT_REST:
         warnings.warn(
             f'modes are those of a state of rest, and bodies move by {fastest:.3g} m/s or rad/s, which is left out; '
             'solver.linear_model() linearises about the motion',
-            stacklevel=2,
+            stacklevel=stacklevel,
         )
-    linear = linearised(model, state, np.zeros(len(model.spec.inputs)))
+    return linearised(model, state, np.zeros(len(model.spec.inputs)))
+
+
+def modes(simulation: Simulation) -> list[Mode]:
+    """Oscillating modes of a simulation in its place now, at rest there, by frequency. Velocities are left out, of
+    which a warning tells where there are some; solver.linear_model() takes them. Raises SpecError, as
+    matrices_at_rest() does."""
+    model = simulation.model
+    linear = _at_rest(simulation, stacklevel=3)
     s, X = eigenvalues(linear)
     directions = ('x', 'y', 'z', 'rx', 'ry', 'rz')
     found = []

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import null_space
 from scipy.optimize import least_squares
 
 from solver.analysis.figures import standing
-from solver.analysis.modes import LONG, Mode, eigenvalues, linearised, named_modes
+from solver.analysis.modes import LONG, Mode, eigenvalues, linearised, matrices_at_rest, modes, named_modes
 from solver.files.scene import load_scene
+from solver.levels import simulation_of
 from solver.model.evaluate import evaluate_forces
 from solver.model.state import kinematics_of
 from solver.simulation import Simulation
@@ -143,3 +145,23 @@ def test_the_wheel_hop_of_a_live_axle_is_that_of_its_mass_on_tires_and_springs()
     assert hop.frequency == pytest.approx(np.sqrt(2 * (254e3 + 35.6e3) / mass) / (2 * np.pi), rel=1 / 6)
     assert hop.share(['axle_rear', 'wheel_rear_left', 'wheel_rear_right'], ['z']) > 0.6
     assert hop.share(['axle_rear'], ['rx']) < 0.01
+
+
+def test_matrices_at_rest_are_those_of_a_mass_on_a_spring_and_damper() -> None:
+    """1 kg, 100 N/m, 2 N s/m along z; the guide holds the other five directions. 10 rad/s, damping ratio 0.1."""
+    simulation = simulation_of(load_scene('spring_mass'))
+    M, C, K, A = matrices_at_rest(simulation)
+    along = null_space(A)
+    assert along.shape == (6, 1) and abs(along[2, 0]) == pytest.approx(1.0, abs=1e-12)
+    assert [float((along.T @ X @ along)[0, 0]) for X in (M, C, K)] == pytest.approx([1.0, 2.0, 100.0], rel=1e-9)
+    (mode,) = modes(simulation)
+    assert (mode.frequency, mode.damping) == pytest.approx((10.0 / (2.0 * np.pi), 0.1), rel=1e-9)
+
+
+def test_of_a_state_that_moves_a_warning_names_its_caller() -> None:
+    simulation = simulation_of(load_scene('spring_mass'))
+    simulation.advance(100)
+    for ask in (modes, matrices_at_rest):
+        with pytest.warns(UserWarning, match=r'bodies move by .* m/s or rad/s, which is left out') as told:
+            ask(simulation)
+        assert told[0].filename == __file__

@@ -175,9 +175,11 @@ def test_a_lap_of_the_handling_course_is_driven_by_keys_inside_its_lane(browser:
     line = driver.path.line
     held: set[str] = set()
     passed: set[int] = set()
-    worst, begin, here = 0.0, time.monotonic(), line[0]
+    worst, begin, here, head = 0.0, time.monotonic(), line[0], [0.0]
     while len(passed) < 8 or np.hypot(*(line[0] - here)) > 5.0:
-        assert time.monotonic() - begin < 400.0
+        assert head[0] < 150.0, f'{len(passed)} of 8 parts of the course in the time for all of it'
+        # a machine that does something else besides gives the car a quarter of its time, and not none
+        assert head[0] > 0.2 * (time.monotonic() - begin) - 60.0, 'the car does not get on'
         head, pose = tab.value('[drive.head(), drive.pose()]')
         x, y, _, qx, qy, qz, qw = pose
         yaw = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))

@@ -1,0 +1,142 @@
+"""Environments of Gymnasium: its own checker, the same bits by seed, alone and in a vector, and refusals."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip('gymnasium', reason='pip install .[learn]')
+
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+
+from mbd_sim_ros.learn import TASKS, Task, single, vector  # noqa: E402
+from mbd_sim_ros.learn.line import Line  # noqa: E402
+from solver.errors import SpecError  # noqa: E402
+from solver.inputs.driver import Course  # noqa: E402
+
+SHORT = {'duration': 1.0}
+
+
+def test_a_line_knows_side_heading_and_curvature_of_a_circle() -> None:
+    """Of radius 30 m, run to the left: corners of its polygon are 0.3 m apart, so offsets are right to 0.2 mm."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    line = Line.of(Course(points=tuple(zip((30 * np.cos(turn)).tolist(), (30 * np.sin(turn)).tolist())), closed=True))
+    assert line.length == pytest.approx(2.0 * np.pi * 30.0, rel=1e-3)
+    np.testing.assert_allclose(line.curvature, 1.0 / 30.0, rtol=0.05)
+    for angle in (0.0, 1.0, 4.0):
+        k = line.nearest(*(29.0 * np.array([np.cos(angle), np.sin(angle)])))
+        assert line.offset(k, 29.0 * np.cos(angle), 29.0 * np.sin(angle)) == pytest.approx(1.0, abs=2e-2)
+        assert line.turn_to(k, angle + 0.5 * np.pi + 0.1) == pytest.approx(0.1, abs=2e-2)
+    ahead = line.ahead(line.nearest(30.0, 0.0), 0.25 * line.length)
+    np.testing.assert_allclose(line.points[ahead], [0.0, 30.0], atol=0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', TASKS)
+def test_gymnasium_s_own_checker_has_nothing_to_say(name: str) -> None:
+    changes = {'every': 0.02} if name == 'split_friction_stop' else {}
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        check_env(
+            gymnasium.make(f'mbd_sim_ros.learn:mbd/{_camel(name)}-v0', disable_env_checker=True, **changes).unwrapped
+        )
+
+
+def _camel(name: str) -> str:
+    return ''.join(part.capitalize() for part in name.split('_'))
+
+
+def _episode(env, seed: int, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(observations, rewards) of the first episode."""
+    seen, _ = env.reset(seed=seed)
+    observations, rewards = [seen], []
+    for action in actions:
+        seen, reward, ended, cut, _ = env.step(action)
+        observations.append(seen)
+        rewards.append(reward)
+        if ended or cut:
+            break
+    return np.array(observations), np.array(rewards)
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_bits_alone_and_in_a_vector() -> None:
+    """Also behind an end: the car goes on from where reset() would have put it next."""
+    actions = np.random.default_rng(5).uniform(-0.3, 0.3, (14, 5, 1))
+    envs = vector('lane_keeping', 5, **SHORT)
+    assert envs.fleet.ensemble.in_lanes
+    observations, _ = envs.reset(seed=20)
+    told, gained = [observations], []
+    for row in actions:
+        observations, rewards, ended, cut, _ = envs.step(row)
+        told.append(observations.copy())
+        gained.append(rewards.copy())
+    assert cut is not None and not ended.any()
+    for k in (0, 3):
+        alone = single('lane_keeping', **SHORT)
+        for _ in range(2):
+            seen, rewards = _episode(alone, 20 + k, actions[:, k])
+            assert len(rewards) == 10  # cut off after a second
+            assert (seen == np.array(told)[:11, k]).all() and (rewards == np.array(gained)[:10, k]).all()
+        again, _ = alone.reset()
+        assert (np.array(told)[11, k] == again).all() and gained[10][k] == 0.0
+        assert (alone.step(actions[11, k])[0] == np.array(told)[12, k]).all()
+    assert not (np.array(told)[0, 0] == np.array(told)[0, 1]).all()
+
+
+@pytest.mark.slow
+def test_cars_vary_by_their_seed_and_only_in_what_is_asked_for() -> None:
+    vary = {'vehicle.chassis.mass': (1100.0, 1400.0)}
+    envs = vector('lane_keeping', 3, variation=7, vary=vary, **SHORT)
+    mass = lambda env, k: env.fleet.ensemble.simulations[k].scene.model.bodies[0].mass  # noqa: E731
+    drawn = [float(envs.task.drawn(7 + k)[0].split('=')[1]) for k in range(3)]
+    assert len(set(drawn)) == 3 and all(1100.0 <= m <= 1400.0 for m in drawn)
+    unvaried = [mass(envs, k) - drawn[k] for k in range(3)]  # wheels and knuckles, which the level carries along
+    assert max(unvaried) - min(unvaried) < 1e-9
+    assert mass(single('lane_keeping', variation=8, vary=vary), 0) == mass(envs, 1)
+
+
+@pytest.mark.slow
+def test_rewards_are_those_of_the_formula_and_an_exit_ends_badly() -> None:
+    env = single('lane_keeping', costs={'offset': (0.5, 2.0)}, alive=1.0, observations={'offset': 1.0, 'progress': 1.0})
+    cost = lambda offset: 4.0 * offset**2 / (1.0 + 4.0 * offset**2)  # noqa: E731
+    env.reset(seed=1)
+    seen, reward, *_ = env.step(np.array([0.1]))
+    assert reward == pytest.approx(0.1 * (1.0 - 2.0 * cost(seen[0])), rel=1e-5)
+    for _ in range(60):
+        before = seen
+        seen, reward, ended, cut, told = env.step(np.array([1.0]))
+        if ended:
+            break
+    assert ended and not cut and abs(seen[0]) > env.task.width >= abs(before[0]) and told['failure'] == ''
+    assert reward == pytest.approx(0.1 * (1.0 - 2.0 * cost(seen[0])) - 10.0, rel=1e-5)
+    assert told['progress'] == pytest.approx(25.0 * env.fleet.ensemble.simulations[0].t_ns * 1e-9, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'said'),
+    [
+        ({'observations': {'yaw_rat': 1.0}}, 'yaw_rat: no such quantity'),
+        ({'observations': {'curvature+x': 1.0}}, 'give metres behind the'),
+        ({'observations': {}}, 'name one signal at least'),
+        ({'observations': {'offset': 0.0}}, 'scale of offset'),
+        ({'every': 0.0123}, 'must be a multiple of integrator.h'),
+        ({'scene': 'light_car_swept_steer', 'points': ()}, 'there is no line'),
+        ({'weidth': 3.0}, 'no such field; one of'),
+        ({'vary': {'vehicle.chassis.mass': (2.0, 1.0)}}, 'give (low, high)'),
+        ({'scene': 'pendulum', 'changes': ()}, 'the car has no input steering'),
+    ],
+)
+def test_a_task_that_does_not_fit_is_refused_in_a_sentence(changes: dict, said: str) -> None:
+    with pytest.raises(SpecError) as caught:
+        single('lane_keeping', **changes)
+    assert said in str(caught.value) and '\n' not in str(caught.value)
+
+
+def test_an_unknown_task_is_refused_with_those_that_there_are() -> None:
+    with pytest.raises(SpecError, match=r'no such task.*lane_keeping'):
+        single('lane_keping')
+    with pytest.raises(SpecError, match='observations'):
+        Task(name='empty', scene='pendulum')
