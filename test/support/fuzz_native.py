@@ -145,9 +145,9 @@ def models(rng: np.random.Generator, there: Path) -> str:
     if code == OK and not placed and mutant != content:
         return 'a damaged model is taken'
     if code == OK:  # its numbers are none, but they are there
-        value = ctypes.c_double()
+        got = ctypes.c_double()
         for v in range(-1, library.variables(other) + 1):
-            library.get(other, v, ctypes.byref(value)), library.name(other, v), library.unit(other, v)
+            library.get(other, v, ctypes.byref(got)), library.name(other, v), library.unit(other, v)
         library.verdict(other)
         library.restore(other, library.saved(other), library.size(other))
         library.free(other)
