@@ -96,6 +96,9 @@ static void fuzz(const char *path, long count, int of_state) {
         if (!of_state) mbd_free(other);
     }
     printf("taken %ld damaged %ld version %ld\n", taken, codes[MBD_DAMAGED], codes[MBD_VERSION]);
+    free(mutant);
+    free(content);
+    mbd_free(m);
 }
 
 /* Mutations of what says where things lie, with a digest that fits: loading must not read or write beside the file. */
@@ -115,6 +118,8 @@ static void fuzz_places(const char *path, long count, long first, long last) {
         mbd_free(other);
     }
     printf("refused %ld\n", refused);
+    free(mutant);
+    free(content);
 }
 
 /* Bytes that are allocated now. */
@@ -193,6 +198,7 @@ int main(int argc, char **argv) {
         steps(copy, n, 100);
         print_digest(copy);
         mbd_free(copy);
+        free(state);
     } else if (strcmp(what, "fuzz") == 0) fuzz(path, n, argc > 4);
     else if (strcmp(what, "places") == 0) fuzz_places(path, n, atol(argv[4]), atol(argv[5]));
     else if (strcmp(what, "cycle") == 0) cycle(path, n, argc > 4 ? (size_t)atol(argv[4]) : 0);

@@ -134,6 +134,50 @@ def test_fmpy_simulates_to_the_end(units):
         assert result[-1][1] == shown(simulation, SHOWN[CRANK])[0] and len(result) == 101
 
 
+RUN = """
+import resource, sys
+if sys.argv[1] == 'unit':
+    import fmpy
+    every = {'step_size': 0.01, 'output_interval': 0.01}
+    told = fmpy.simulate_fmu(sys.argv[2], stop_time=float(sys.argv[3]), output=sys.argv[4:], **every)
+    print(*(float(told[-1][name]).hex() for name in sys.argv[4:]))
+else:
+    from mbd_sim_ros.commands.main import main
+    assert main(['run', *sys.argv[2:], '--no-record', '--json']) in (0, 1)
+used = resource.getrusage(resource.RUSAGE_SELF)
+print(used.ru_utime + used.ru_stime)
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ('scene', 'level', 'seconds'), [(CAR, 'full', 60), (CAR, 'kc', 60), (CAR, 'condensed', 20), (CRANK, '', 10)]
+)
+def test_a_whole_run_in_fmpy_has_the_bits_of_a_run_and_takes_no_longer(tmp_path, scene, level, seconds):
+    """Processor time of processes, import and archive included: at most 1.2 times that of `mbd run --no-record`."""
+    settings = [f'duration={seconds}', *([f'fidelity={level}'] if level else [])]
+    simulation = simulation_of(load_scene(scene, settings))
+    write(simulation, tmp_path / 'unit.fmu', target('v3'))
+    simulation.reset()
+    simulation.advance(simulation.scene.steps)
+
+    def told(*words: object) -> list[str]:
+        done = subprocess.run(
+            [sys.executable, '-W', 'ignore', '-c', RUN, *map(str, words)],
+            capture_output=True,
+            text=True,
+            timeout=500,
+            check=True,
+        )
+        return done.stdout.strip().splitlines()[-2:]
+
+    values, by_unit = told('unit', tmp_path / 'unit.fmu', seconds, *SHOWN[scene])
+    assert values.split() == [value.hex() for value in shown(simulation, SHOWN[scene])]
+    by_run = told('run', scene, *(word for setting in settings for word in ('--set', setting)))[-1]
+    print(f'{scene} {level}: {float(by_unit):.2f} s in FMPy, {float(by_run):.2f} s by mbd run')
+    assert float(by_unit) < 1.2 * float(by_run)
+
+
 @pytest.mark.parametrize('version', [2, 3])
 @pytest.mark.parametrize(
     ('now', 'step', 'sentence'),

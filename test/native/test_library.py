@@ -145,6 +145,29 @@ def test_models_that_are_made_and_freed_leave_nothing(built):
     assert int(driver(built, 'cycle', 'slider_crank', 300, 64)[0].split()[1]) >= 300 * 64
 
 
+VALGRIND = ('valgrind', '-q', '--error-exitcode=9', '--leak-check=full', '--errors-for-leak-kinds=all')
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which('valgrind') is None, reason='valgrind is not installed')
+def test_nothing_is_read_beside_memory_and_nothing_is_kept(built):
+    """As valgrind sees it; it lacks instructions that steps of the full car have. What is kept on purpose is seen."""
+    trials = [
+        ('run', 60, 7),
+        ('cycle', 1),
+        ('fuzz', 20),
+        ('fuzz', 20, 'state'),
+        ('places', 40, FIRST, FIRST + 8 * len(FIELDS)),
+    ]
+    state = built / 'watched'
+    for what, *numbers in (*trials, ('save', 20, state), ('restore', 20, state)):
+        command = [*VALGRIND, str(built / 'driver'), what, str(built / 'slider_crank.mbd'), *map(str, numbers)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        assert (done.returncode, done.stderr) == (0, ''), what
+    command = [*VALGRIND, str(built / 'driver'), 'cycle', str(built / 'slider_crank.mbd'), '1', '64']
+    assert subprocess.run(command, capture_output=True, timeout=120, check=False).returncode == 9
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('state', [(), ('state',)], ids=['model', 'state'])
 def test_what_is_damaged_is_refused(built, state):
@@ -259,17 +282,21 @@ def test_the_command_writes_what_the_example_needs(built, tmp_path, capsys):
 @pytest.mark.slow
 @pytest.mark.long
 def test_all_delivered_scenes_have_the_same_bits(built, tmp_path):
-    """Those with drivers by the inputs that these applied."""
+    """Those with drivers by the inputs that these applied, and the full car at other levels of detail."""
     called, expected = {}, {}
-    for path in sorted((HERE.parents[1] / 'config' / 'scenes').glob('*.yaml')):
-        simulation = simulation_of(load_scene(path.stem))
+    scenes: list[tuple[str, list[str]]] = [
+        (path.stem, []) for path in sorted((HERE.parents[1] / 'config' / 'scenes').glob('*.yaml'))
+    ]
+    for scene, settings in [*scenes, *(('car_step_steer', [f'fidelity={level}']) for level in ('condensed', 'kc'))]:
+        name = ' '.join([scene, *settings])
+        simulation = simulation_of(load_scene(scene, settings))
         steps = min(200, simulation.scene.steps)
-        shorter = simulation_of(load_scene(path.stem, [f'duration={steps * simulation.h!r}']))
+        shorter = simulation_of(load_scene(scene, [*settings, f'duration={steps * simulation.h!r}']))
         made = native(shorter, applied=shorter.sources.step_by_step)
-        (tmp_path / f'{path.stem}.mbd').write_bytes(made.content)
+        (tmp_path / f'{name}.mbd').write_bytes(made.content)
         called.update({kernel.name: kernel for kernel in made.kernels})
         simulation.advance(steps)
-        expected[path.stem] = digest(simulation)
+        expected[name] = digest(simulation)
     library.build(called.values(), target('v3'), tmp_path / library.NAME)
     shutil.copy(built / 'driver', tmp_path / 'driver')
     for name, known in expected.items():
