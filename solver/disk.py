@@ -154,11 +154,23 @@ class Store:
                     left -= size
 
 
+def store_of(name: str) -> Store:
+    """The bounded store of this name below location(). It is one for the process, which looks for what is old once and
+    not with every value: to look takes a system call for each file.
+    """
+    return _bounded(location() / name)
+
+
+@functools.cache
+def _bounded(directory: Path) -> Store:
+    return Store(directory, bounded=True)
+
+
 def derived(what: str, subject: str, make: Callable[[], Any]) -> Any:
     """A value that takes a while to derive, made once (Store.made). what: names the kind of data, and the file.
     subject: says all that it depends on besides the sources of the solver, e.g. repr() of a ModelSpec."""
     identity = sources(), what, subject
-    return Store(location() / 'levels', bounded=True).made(f'{what}-{digest(*identity).hex()}.json', make, *identity)
+    return store_of('levels').made(f'{what}-{digest(*identity).hex()}.json', make, *identity)
 
 
 def _proof(identity: Iterable[bytes | str], content: bytes) -> bytes:

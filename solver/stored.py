@@ -16,7 +16,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from solver.disk import Store, location
+from solver.disk import Store, store_of
 from solver.errors import SpecError
 
 DIGEST = re.compile(r'\b[0-9a-f]{64}\b')
@@ -68,7 +68,7 @@ def named_in(text: str) -> dict[str, bytes]:
 
 
 def _store() -> Store:
-    return Store(location() / 'arrays', bounded=True)
+    return store_of('arrays')
 
 
 def _offer(digest: str, data: Callable[[], bytes]) -> None:

@@ -12,7 +12,7 @@ import json
 from contextlib import suppress
 from typing import Any
 
-from solver.disk import Store, digest, location, sources
+from solver.disk import Store, digest, sources, store_of
 from solver.scene import Scene
 
 NONE = 'not measured: mbd run SCENE, with the overrides of this node, measures it'
@@ -42,4 +42,4 @@ def _place(scene: Scene) -> tuple[Store, str]:
     if settings.step_policy in DIVIDED:
         settings = dataclasses.replace(settings, step_policy='auto')
     parts = (scene.model, scene.start, scene.maneuver, scene.actuation, scene.assistance, settings)
-    return Store(location() / 'errors', bounded=True), f'{digest(sources(), *map(repr, parts)).hex()}.json'
+    return store_of('errors'), f'{digest(sources(), *map(repr, parts)).hex()}.json'

@@ -22,7 +22,7 @@ import numba
 import numpy as np
 
 from solver.compiled.target import target
-from solver.disk import Store, digest, location, sources
+from solver.disk import digest, sources, store_of
 from solver.model.spec import ModelSpec
 from solver.model.state import State, copy_state
 from solver.scene import Scene
@@ -46,7 +46,7 @@ def start_of(
     if not spec.tires:
         return find()
     key = _key(scene, spec, method, u)
-    name, store = f'{key.hex()}.start', Store(location() / 'starts', bounded=True)
+    name, store = f'{key.hex()}.start', store_of('starts')
     content = _remembered.get(key) or store.read(name, key)
     if content is None or not (changes := _taken(content, states)):
         changes = find()

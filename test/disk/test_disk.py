@@ -33,6 +33,7 @@ from solver.disk import (
     location,
     plain,
     sources,
+    store_of,
 )
 from solver.errors import BagError
 
@@ -214,6 +215,18 @@ def test_pruning_removes_what_is_old_and_above_the_size_what_is_oldest(tmp_path:
     assert 'old' in names(store)  # what belongs to somebody has no bound
     Store(tmp_path / 'store', bounded=True).write('fourth', NEW)
     assert names(store) == {'now', 'day', 'two', 'young', 'first', 'second', 'third', 'fourth', f'.fresh{PART}'}
+
+
+def test_a_process_looks_once_at_each_of_its_stores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every start of a sweep, every level and every error is a value of its own: with a look for each, a start that is
+    found anew took longer for the files of others than for itself."""
+    monkeypatch.setenv('MBD_CACHE_DIR', str(tmp_path))
+    looked: list[Path] = []
+    monkeypatch.setattr(Store, 'prune', lambda self: looked.append(self.directory))
+    for name in ('starts', 'levels', 'starts', 'starts', 'levels'):
+        store_of(name).write('value', NEW)
+    assert looked == [tmp_path / 'starts', tmp_path / 'levels']
+    assert store_of('starts').read('value') == NEW
 
 
 def test_a_use_is_noted(tmp_path: Path) -> None:
