@@ -10,8 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from mbd_sim_ros.analysis import pages
 from mbd_sim_ros.analysis.plots import STYLE
@@ -50,10 +53,13 @@ class Report:
             self._blocks.append(pages.table([list(rows[0]), *(list(row.values()) for row in rows)]))
 
     def figure(self, name: str, figure: Figure, caption: str) -> None:
-        """Save a picture as <name>.png and show it in the report."""
+        """Save a picture as <name>.png and show it in the report; on the page as curves to zoom into, where it is
+        nothing but curves."""
         with mpl.rc_context(STYLE):
             figure.savefig(self.out / f'{name}.png', dpi=DPI)
-            self._blocks.append(pages.picture(name, figure, caption))
+            drawn = interactive(figure)
+            shown = [pages.charts(drawn), pages.text(caption, soft=True)] if drawn else []
+            self._blocks += shown or [pages.picture(name, figure, caption)]
         self._parts.append(f'![{caption}]({name}.png)\n\n*{caption}*')
 
     def check(self, name: str, value: float, limit: float, *, least: bool = False) -> dict[str, Any]:
@@ -80,6 +86,38 @@ class Report:
             ok=not missed if self.checks else None,
             blocks=self._blocks,
         ).write(self.out / 'report.html')
+
+
+def interactive(figure: Figure) -> list[pages.Block]:
+    """Charts of a figure that is nothing but curves over a rising x, on linear axes; [] for any other."""
+    found, points = [], pages.points_for(sum(len(ax.lines) for ax in figure.axes))
+    for ax in figure.axes:
+        linear = ax.get_xscale() == ax.get_yscale() == 'linear' and not (ax.xaxis_inverted() or ax.yaxis_inverted())
+        bare = not (ax.collections or ax.patches or ax.images or ax.texts or ax.artists)
+        alone = sum(other.get_position().bounds == ax.get_position().bounds for other in figure.axes) == 1
+        if not (linear and bare and alone and ax.lines) or any(not _rises(line, ax) for line in ax.lines):
+            return []
+        colours = list(dict.fromkeys(line.get_color() for line in ax.lines))
+        curves = []
+        for line in ax.lines:
+            name, x, y = (
+                str(line.get_label()),
+                *(np.asarray(data, float) for data in (line.get_xdata(), line.get_ydata())),
+            )
+            keep = pages.thinned(points, y)
+            style = {'colour': colours.index(line.get_color()), 'dash': int(line.get_linestyle() != '-')}
+            curves.append(pages.curve('' if name.startswith('_') else name, x[keep], y[keep], **style))
+        found.append(pages.chart(ax.get_title(), ax.get_xlabel(), ax.get_ylabel(), curves))
+    return found
+
+
+def _rises(line: Line2D, ax: Axes) -> bool:
+    """True for a drawn line with data in the units of its axes, whose x rises."""
+    drawn = line.get_linestyle() in ('-', '--', '-.', ':') and line.get_marker() in ('', 'None', None)
+    if not drawn or line.get_transform() != ax.transData:
+        return False
+    x, y = np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)
+    return len(x) > 2 and bool(np.all(np.isfinite(x)) and np.all(np.diff(x) > 0.0) and np.isfinite(y).any())
 
 
 def figure(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
