@@ -12,6 +12,7 @@ from mbd_sim_ros.analysis.run_page import write_page
 from mbd_sim_ros.analysis.runs import units
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.batch import simulate
+from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.messages.encode import Messages
 from solver import Simulation, simulation_of
 from solver.elements.registry import FORCES
@@ -229,3 +230,52 @@ def test_they_are_recorded_at_their_rate_with_units(tmp_path: Path) -> None:
     assert all(f'"energies/{name}"' in (tmp_path / 'page.html').read_text(encoding='utf-8') for name in ENERGIES)
     plain = load_scene('pendulum')
     assert 'energies' not in [topic.name for topic in Messages.of(plain, simulation_of(plain)).topics]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    'settings',
+    [
+        ['integrator.step_policy=error', 'integrator.error_tolerance=1e-5'],
+        ['integrator.step_policy=rescue', 'integrator.penalty_policy=adaptive'],
+        ['integrator.kind=reference_bdf'],
+    ],
+)
+def test_they_balance_whatever_makes_the_steps(settings: list[str]) -> None:
+    """Steps that are divided, refused and made again, and those of another integrator: the energies are the account's,
+    whose error is that of the run."""
+    s = simulation_of(load_scene('double_pendulum', [ASKED, *settings]))
+    e = energies(s, histories(s, 400))
+    require_balance(e)
+    assert np.abs(e[:, ERROR]).max() <= s.totals()['energy_error_max'] < 1e-3 * np.ptp(e[:, KINETIC])
+    assert not e[:, [DISSIPATED, EXCHANGED]].any()
+
+
+@pytest.mark.slow
+def test_in_lanes_each_car_has_those_of_its_single_run() -> None:
+    """Four single-track cars with different torques, and one more by itself."""
+    scene = load_scene('light_car_step_steer', [ASKED, 'fidelity=single_track'])
+    ensemble, alone = Ensemble([scene] * 4), simulation_of(scene)
+    assert ensemble.in_lanes
+    rows = np.repeat(alone.source.table(0, 600)[None], 4, axis=0)
+    rows[:, :, alone.channels.inputs.index('drive_torque')] *= np.array([0.0, 0.5, 1.0, 2.0])[:, None]
+    ensemble.advance(600, rows)
+    for k in range(4):
+        alone.reset()
+        assert (alone.advance(600, rows[k]).numbers == ensemble.simulations[k].snapshot().numbers).all()
+    exchanged = ensemble.quantity('energies/exchanged')
+    assert (np.diff(exchanged) > 0.0).all() and exchanged[-1] > 100.0
+
+
+@pytest.mark.slow
+def test_a_recording_with_them_replays_to_the_bit_and_is_exported_with_units(tmp_path: Path) -> None:
+    recorded = str(tmp_path / 'r')
+    assert main(['run', 'four_bar', '--set', 'record.energies=100', '--set', 'duration=0.5', '--out', recorded]) in (
+        0,
+        1,
+    )
+    assert main(['replay', recorded]) == 0
+    assert main(['export', recorded, '--csv', str(tmp_path / 'csv')]) == 0
+    (file,) = (tmp_path / 'csv').rglob('energies.csv')
+    head = file.read_text(encoding='utf-8').splitlines()[0].split(',')
+    assert head[1:] == [f'{name} [J]' for name in ENERGIES]
