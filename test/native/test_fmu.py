@@ -21,6 +21,7 @@ from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.native.fmu import exponents, write
 from mbd_sim_ros.native.kernels import target
 from solver import load_scene, simulation_of
+from solver.disk import Store
 from solver.inputs.command_filter import CommandSource
 from solver.start import known
 
@@ -365,7 +366,7 @@ def test_instances_that_are_freed_leave_nothing(units, version, leak):
 
 def test_a_start_that_was_known_gives_the_archive_of_one_that_was_searched(tmp_path, monkeypatch):
     """What a search leaves in the scratch of a step is nobody's business."""
-    monkeypatch.setattr(known, 'location', lambda: tmp_path)
+    monkeypatch.setattr(known, 'store_of', lambda name: Store(tmp_path / name))
     made = []
     for forget in (True, False, True):
         if forget:

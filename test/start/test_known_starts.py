@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from solver import simulation_of
+from solver.disk import Store
 from solver.errors import ConsistencyError
 from solver.files.scene import load_scene
 from solver.scene import Scene
@@ -24,7 +25,7 @@ NAME = 'light_car_step_steer'
 def searches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """A process that knows no start, with a store of its own; every search adds the kind of its start."""
     monkeypatch.setattr(known, '_remembered', type(known._remembered)())
-    monkeypatch.setattr(known, 'location', lambda: tmp_path)
+    monkeypatch.setattr(known, 'store_of', lambda name: Store(tmp_path / name))
     found: list[str] = []
     find = InitialConditions.find
 
@@ -103,7 +104,7 @@ def test_what_is_damaged_is_found_anew(tmp_path: Path, searches: list[str]) -> N
 def test_a_directory_that_cannot_be_written_costs_nothing_but_time(
     searches: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(known, 'location', lambda: Path('/dev/null/none'))
+    monkeypatch.setattr(known, 'store_of', lambda name: Store(Path('/dev/null/none') / name))
     first = bits(scene())
     known._remembered.clear()
     assert bits(scene()) == first and len(searches) == 2
