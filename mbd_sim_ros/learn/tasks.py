@@ -155,13 +155,14 @@ SPLIT_FRICTION_STOP = Task(
     changes=('vehicle=vehicles/light_car.yaml', 'integrator.iterations=1', 'maneuver.brake_torque.value=1600'),
     points=((-20.0, 0.0), (300.0, 0.0)),
     steering=3.0,
-    duration=8.0,
+    duration=10.0,
     every=0.05,
     observations={
         'offset': 1.0, 'heading_error': 0.1, **STEERED, 'longitudinal_velocity': 20.0,
         'longitudinal_acceleration': 5.0,
     },
     costs={'offset': (0.5, 0.5), 'heading_error': (0.1, 0.5)},
+    alive=0.0,  # who stops later must not gain by it
     width=3.0,
     slow=0.5,
 )  # fmt: skip
