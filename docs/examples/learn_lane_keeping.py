@@ -1,6 +1,6 @@
 """Lane keeping is learned on the single-track level of the full car, and certified on the full car itself.
 
-    python docs/examples/learn_lane_keeping.py            # some minutes; prints the return of every tenth generation
+    python docs/examples/learn_lane_keeping.py            # two minutes; prints the return of every tenth generation
 
 The policy is linear: the action is W times what is seen. An evolution strategy with mirrored samples improves W
 (Salimans et al. 2017, docs/references.md); the cars of a generation drive in the lanes of a core. Certified means:
@@ -21,7 +21,7 @@ PAIRS = 16  # of mirrored samples; ten times as many cost as much time and follo
 SPREAD, RATE = 0.1, 0.03  # of samples about W, and of a step of it [-]; ten times as much jumps over what keeps a lane
 TASK = TASKS['lane_keeping']
 CHANGES = ('vehicle=vehicles/full_car.yaml', 'integrator.iterations=2')
-SMALL = TASK.replace(changes=(*CHANGES, 'fidelity=single_track', 'integrator.h=0.005'), width=4.0)
+SMALL = TASK.replace(changes=(*CHANGES, 'fidelity=single_track', 'integrator.h=0.005'), width=4.0, duration=10.0)
 FULL = TASK.replace(changes=(*CHANGES, 'fidelity=full', 'integrator.h=0.001'))
 
 

@@ -58,9 +58,9 @@ def test_a_policy_that_is_learned_on_a_small_model_holds_the_full_car_in_its_lan
     """The same seed learns the same policy, and one that has not learned leaves the lane."""
     pytest.importorskip('gymnasium', reason='pip install .[test]')
     lanes = example('learn_lane_keeping')
-    W, returns = lanes.learn(16, seed=0)
-    assert (lanes.learn(2, seed=0)[1] == np.array(returns[:2])).all()
-    assert returns[-1] > returns[0] + 10.0  # of at most 20 s in the lane
+    W, returns = lanes.learn(12, seed=0)
+    assert lanes.learn(1, seed=0)[1] == returns[:1]
+    assert returns[-1] > returns[0] + 10.0  # of at most 10 s in the lane
     found = lanes.certify(W, starts=1)
     assert found.held and found.offset < lanes.FULL.width
     assert not lanes.certify(np.zeros_like(W), starts=1).held
