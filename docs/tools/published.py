@@ -44,7 +44,8 @@ class Product(NamedTuple):
     """commands: argument lists, of `mbd` or of a tool in docs/tools. roots: modules whose imports are the sources.
     parts: a pattern of the names of parts between marks; pages: whole pages; pictures: a pattern of files in
     docs/pictures. peers: other programs that a part holds figures of; without them it is not made, since a page that
-    loses them says less than the old one."""
+    loses them says less than the old one. recordings: of others, in the directory that RECORDINGS names; without them
+    it is not made."""
 
     commands: tuple[Command, ...]
     roots: tuple[str, ...]
@@ -52,6 +53,7 @@ class Product(NamedTuple):
     pages: tuple[str, ...] = ()
     pictures: str = ''
     peers: tuple[str, ...] = ()
+    recordings: bool = False
 
 
 def _study(name: str, *more: str, peers: tuple[str, ...] = ()) -> Product:
@@ -77,6 +79,7 @@ def _picture(name: str, roots: tuple[str, ...], *commands: Command) -> Product:
 
 
 PEERS = ('exudyn', 'mujoco')
+RECORDINGS = 'MBD_RECORDINGS'  # names the directory with recordings of real vehicles (docs/reality.md)
 TRADED = ('car_lane_change', 'car_rough_road', 'car_split_mu_brake', 'car_step_steer', 'car_swept_steer')
 SEEN = ('mbd_sim_ros.batch', 'mbd_sim_ros.analysis.view')
 TRAILER = ('mbd', 'run', 'saloon_with_trailer', '--out', 'out/trailer')
@@ -119,6 +122,7 @@ PRODUCTS: dict[str, Product] = {  # those that take seconds first
     'mechanisms': _study('mechanisms'),
     'error_bars': _study('error_bars'),
     'drives': _study('drives'),
+    'reality': _study('reality', '--data', os.environ.get(RECORDINGS, ''))._replace(recordings=True),
     'verdicts': _study('verdicts'),
     'change_points': _study('change_points'),
     'constants': _study('constants'),
@@ -255,6 +259,10 @@ def make(names: Sequence[str]) -> int:
             named = ' and '.join(f'MBD_{peer.upper()}_PYTHON' for peer in away)
             remedy = f"pip install 'mbd_sim_ros[bench]', or name a Python that has it in {named}"
             print(f'{name}: {" and ".join(away)} cannot be imported; {remedy}')
+            failed.append(name)
+            continue
+        if product.recordings and not os.environ.get(RECORDINGS):
+            print(f'{name}: name the directory of the recordings in {RECORDINGS} (docs/reality.md)')
             failed.append(name)
             continue
         before, began = digest(product), time.monotonic()

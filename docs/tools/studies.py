@@ -1,6 +1,6 @@
-"""Fills the generated parts of docs/studies.md, docs/validation.md, docs/vehicle.md, docs/stability.md and
-docs/scene.md from finished studies: `python docs/tools/studies.py out [NAME ...]`, after `mbd study NAME` into
-out/NAME. Without names, from all in `out`.
+"""Fills the generated parts of docs/studies.md, docs/validation.md, docs/vehicle.md, docs/stability.md,
+docs/scene.md and docs/reality.md from finished studies: `python docs/tools/studies.py out [NAME ...]`, after `mbd
+study NAME` into out/NAME. Without names, from all in `out`.
 
 A part stands between `<!-- begin NAME: HEADING -->` and `<!-- end -->` and is that section of out/NAME/report.md
 without its pictures; without a heading it is the text above the first section. Pictures that the document shows as
@@ -18,7 +18,7 @@ from PIL import Image  # comes with matplotlib
 
 FILES = [
     Path(__file__).parents[1] / name
-    for name in ('studies.md', 'validation.md', 'vehicle.md', 'stability.md', 'scene.md')
+    for name in ('studies.md', 'validation.md', 'vehicle.md', 'stability.md', 'scene.md', 'reality.md')
 ]
 PART = re.compile(r'<!-- begin (?P<name>\w+)(: (?P<heading>[^\n]+))? -->\n.*?<!-- end -->', re.DOTALL)
 COLOURS = 256  # of a copied picture, to keep it small; with 64 two lines of a picture became one colour

@@ -29,8 +29,9 @@ class Real:
     """A real vehicle. folder: of its recordings. source: key of docs/references.md. where: the place of the recordings,
     and made: how a file comes about. mass [kg], wheelbase [m], share of the weight in front: as the source has them.
     height [m], friction, stiffness of the tires over that of a passenger car: ours, with which fits begin. mapping,
-    drive, channels: as in the file of a fit; places of sensors: behind the front axle and to the left [m]. window [s],
-    run_in [s], slowest [m/s]. fitted, held_out, parts: of recordings."""
+    drive, channels: as in the file of a fit; known: of its parameters, where it is other than of all; places of
+    sensors: behind the front axle and to the left [m]. window [s], run_in [s], slowest [m/s]. fitted, held_out, parts:
+    of recordings."""
 
     folder: str
     title: str
@@ -47,6 +48,7 @@ class Real:
     mapping: dict[str, Any]
     drive: dict[str, Any]
     channels: dict[str, dict[str, Any]]
+    known: dict[str, dict[str, Any]] = field(default_factory=dict)
     places: dict[str, tuple[float, float]] = field(default_factory=dict)
     window: float = 10.0
     run_in: float = 2.0
@@ -75,6 +77,7 @@ class Real:
 TRUE: dict[str, Any] = {'gain': {'sd': 'none'}}
 DRIVE = 'drive.csv'
 FIFTH = 70.0  # s, of the 350 s of the 250 LM; ten times as long is more than there is
+SOME = 26.0  # s, of each of the first three fifths that is fitted: two windows; ten times as long is more than there is
 PART = 46.0  # s, of each fifth that is a part: four windows; ten times as long is more than there is
 
 FERRARI = Real(
@@ -98,7 +101,7 @@ FERRARI = Real(
         'yaw_rate': {'channel': 'imu/wz', **TRUE},
         'sideslip': {'channel': 'odom/sideslip', **TRUE},
     },
-    fitted=(Cut(DRIVE, 0.0, 3 * FIFTH),),
+    fitted=tuple(Cut(DRIVE, k * FIFTH, k * FIFTH + SOME) for k in range(3)),
     held_out=(Cut(DRIVE, 3 * FIFTH),),
     parts=tuple((Cut(DRIVE, k * FIFTH, k * FIFTH + PART),) for k in range(5)),
 )  # fmt: skip
@@ -131,9 +134,11 @@ DART = Real(
     },
     channels={
         'lateral_acceleration': {'channel': 'imu/ay', 'delay': {'sd': '0.1 s'}, 'gain': {'sd': '10 %'}, 'noise': 1.5},
-        'yaw_rate': {'channel': 'pose/yaw_rate', **TRUE},
-        'lateral_velocity': {'channel': 'pose/vy', **TRUE, 'mounting': {'sd': 0.02}},
+        'yaw_rate': {'channel': 'pose/yaw_rate', **TRUE, 'delay': {'sd': '0.1 s'}},
+        'lateral_velocity': {'channel': 'pose/vy', **TRUE, 'delay': {'sd': '0.1 s'}, 'mounting': {'sd': 0.02}},
     },
+    # masses lie near the middle of a car without overhangs: half of the yaw inertia of a similar passenger car
+    known={'yaw_inertia': {'sd': '60 %'}},
     places={'lateral_velocity': (BASE - 0.115, -0.01)},
     window=5.0, run_in=1.0, slowest=0.4,
     fitted=(Cut(FAST_FREE),),
