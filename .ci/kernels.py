@@ -1,18 +1,20 @@
 """Kernels for a wheel: `python .ci/kernels.py DIRECTORY` compiles what the delivered scenes need for every x86-64
 processor with AVX2 and FMA (solver.compiled.target.V3) and puts the files into DIRECTORY, which is emptied before.
 
-What it has compiled it keeps in a cache of its own, so only the first time takes minutes.
+It begins with an empty cache, and takes minutes: a process that finds kernels does not meet those that are copied into
+them, and an element that somebody adds would compile them anew. So a wheel has the same kernels whatever was kept.
 """
 
 from __future__ import annotations
 
 import os
 import shutil
+import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from solver.compiled.target import V3
-from solver.disk import location
 
 POLICIES = ('integrator.step_policy=auto', 'integrator.step_policy=constant')  # of a run, and of the node
 # Levels of detail of the full car beside its scenes.
@@ -44,6 +46,7 @@ if __name__ == '__main__':
     if len(sys.argv) != 2:
         sys.exit('usage: python .ci/kernels.py DIRECTORY')
     if os.environ.get('NUMBA_CPU_NAME') != V3[0]:  # numba looks when it is imported
-        own = {'NUMBA_CPU_NAME': V3[0], 'NUMBA_CPU_FEATURES': V3[1], 'MBD_CACHE_DIR': str(location() / 'wheel')}
-        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | own)
+        with TemporaryDirectory() as cache:
+            own = {'NUMBA_CPU_NAME': V3[0], 'NUMBA_CPU_FEATURES': V3[1], 'MBD_CACHE_DIR': cache}
+            sys.exit(subprocess.run([sys.executable, *sys.argv], env=os.environ | own, check=False).returncode)
     main(Path(sys.argv[1]))
