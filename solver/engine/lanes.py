@@ -28,6 +28,10 @@ from solver.output.snapshot import NO_STEPS, Counters
 # doubled where none did. Ten times as many take ten times the memory for inputs; with a tenth, copies between lanes and
 # engines take as long as steps.
 BLOCK, SHORTEST = 256, 32
+# Lanes that go on together, at least, and steps that all take alone where fewer did: so many blocks at first, twice as
+# many after each further attempt. A step of all lanes takes as long as three or four steps alone, whatever they hold.
+# With ten times as many blocks cars that corner once stay alone for seconds; with none, each block begins in vain.
+TOGETHER, PAUSE, LONGEST = 4, BLOCK, 8 * BLOCK
 
 
 class Group(Protocol):
@@ -39,6 +43,8 @@ class Group(Protocol):
     lasts: Sequence[np.ndarray]  # (nu,) of each: the inputs of its last step
     flags: Flags
     block: int  # steps of the next block
+    rest: int  # steps that all take alone before it
+    pause: int  # steps of the last such rest; 0 where the last block was one of lanes
     inputs: LaneArray  # (BLOCK, nu) of the next steps
     state: Transfer  # everything that a step changes and the future depends on
     shows: int  # evaluations that the outputs of a call count as
@@ -79,6 +85,17 @@ class Rows(NamedTuple):
 NO_ROWS = Rows(0, 0, 0, np.zeros((LANES, 2), np.int64))
 
 
+@kernel(inner=True)
+def disband(flags):
+    """Lanes leave behind others where fewer than TOGETHER are still there."""
+    there = 0
+    for lane in range(LANES):
+        there += (flags[0] >> lane) & 1
+    if there < TOGETHER:
+        flags[1] = flags[1] | flags[0]
+        flags[0] = 0
+
+
 @kernel(borrow=True)
 def leave(table, flags, step, left):
     """Note that lanes left in this step, and copy their state at its beginning to their simulations; whether any lane
@@ -117,12 +134,12 @@ def advance_group(
     first, count = 0, 0
     every = next(iter(seen.values())).every if seen else 0
     while (first := first + count) < n:
-        count = min(group.block, n - first)
+        count = min(group.rest or group.block, n - first)
         final = first + count == n
         going = [lane for lane in inputs if lane not in moved]
         if not going:
             break
-        together = [lane for lane in going if group.ready(lane)]
+        together = [] if group.rest else [lane for lane in going if group.ready(lane)]
         if every and together:  # whose turns are those of the first one
             together = [lane for lane in together if (ks[lane] - ks[together[0]]) % every == 0]
         left[:] = 0
@@ -138,8 +155,14 @@ def advance_group(
             left[together] = -1
             group.run(count, audit, final, left, _to_fill(engines, ks[together[0]] + first, every, together, seen))
         there.clear()
-        all_stayed = (left[going] < 0).all()
-        group.block = min(BLOCK, 2 * group.block) if all_stayed else max(SHORTEST, group.block // 2)
+        stayed_on = int((left[going] < 0).sum())
+        group.block = min(BLOCK, 2 * group.block) if stayed_on == len(going) else max(SHORTEST, group.block // 2)
+        if group.rest:
+            group.rest -= count
+        elif stayed_on >= TOGETHER:
+            group.pause = 0
+        else:
+            group.rest = group.pause = min(LONGEST, max(PAUSE, 2 * group.pause))
         for lane in going:
             stayed = count if left[lane] < 0 else int(left[lane])
             if stayed == count:

@@ -24,7 +24,7 @@ from solver.compiled.lanes.transfer import Transfer, keep, put_in, take_out, tak
 from solver.compiled.memory import zeros
 from solver.elements.instant import Effects, Instant
 from solver.elements.registry import CONSTRAINTS, FORCES
-from solver.engine.lanes import BLOCK, NO_ROWS, Rows, leave
+from solver.engine.lanes import BLOCK, NO_ROWS, Rows, disband, leave
 from solver.engine.stepping import Stepping
 from solver.linear.elimination import factorize, solve
 from solver.model.state import State, copy_state
@@ -129,6 +129,7 @@ def _run(cars, each, box, step, count, audit, final, copies, every, first, size,
             flags[1] = flags[1] | flags[0]
             flags[0] = 0
         if flags[1] != 0:
+            disband(flags)
             for lane in range(left.shape[0]):
                 if (flags[1] >> lane) & 1 and left[lane] < 0:
                     take_out(copies.even if k % 2 == 0 else copies.odd, lane, False)
@@ -160,6 +161,7 @@ class BodyGroup:
 
     def __init__(self, engines: Sequence[Stepping], lasts: Sequence[np.ndarray]) -> None:
         self.engines, self.lasts, self.flags, self.block = engines, lasts, Flags(), BLOCK
+        self.rest = self.pause = 0
         self._sums = [np.zeros(7) for _ in engines]
         self._first = [engine.shown.states[0] for engine in engines]
         cars = [self._cars(engine, k) for k, engine in enumerate(engines)]

@@ -16,7 +16,7 @@ from solver.compiled.lanes.arrays import LaneArray
 from solver.compiled.lanes.mirror import Mirror
 from solver.compiled.lanes.transfer import Transfer, keep, put_in, take_out
 from solver.compiled.memory import zeros
-from solver.engine.lanes import BLOCK, NO_ROWS, Rows, leave
+from solver.engine.lanes import BLOCK, NO_ROWS, Rows, disband, leave
 from solver.levels.single_track_engine import SingleTrack
 from solver.levels.track_step import advance_once, show_end
 from solver.levels.track_tables import SingleTrackTables, SingleTrackWork
@@ -49,8 +49,10 @@ def _run(tracks, box, index, count, audit, final, h, parts, kept, flags, left):
         if not there:
             flags[1] = flags[1] | flags[0]
             flags[0] = 0
-        if flags[1] != 0 and not leave(kept, flags, k, left):
-            break
+        if flags[1] != 0:
+            disband(flags)
+            if not leave(kept, flags, k, left):
+                break
 
 
 class TrackGroup:
@@ -60,6 +62,7 @@ class TrackGroup:
 
     def __init__(self, engines: Sequence[SingleTrack], lasts: Sequence[np.ndarray]) -> None:
         self.engines, self.lasts, self.flags, self.block = engines, lasts, Flags(), BLOCK
+        self.rest = self.pause = 0
         self._mirror = Mirror(
             [Tracks(e.tables.value, e.scratch.value, e.y, u) for e, u in zip(engines, lasts, strict=True)]
         )
