@@ -65,6 +65,7 @@ class Lanes:
                     middle = time.thread_time()
                     for simulation, state in zip(ensemble.simulations, saved, strict=True):
                         simulation.restore(state)
+                        simulation.snapshot()  # outputs of a restored state are not those of its steps
                     start = time.thread_time()
                     for simulation, row in zip(ensemble.simulations, rows, strict=True):
                         simulation.advance(BATCH, row, audit=audit)
@@ -73,6 +74,7 @@ class Lanes:
                     if not way:  # the same steps once more
                         for simulation, state in zip(ensemble.simulations, saved, strict=True):
                             simulation.restore(state)
+                            simulation.snapshot()  # outputs of a restored state are not those of its steps
 
     def close(self) -> None:
         """Nothing to end."""
