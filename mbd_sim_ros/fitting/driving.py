@@ -17,11 +17,17 @@ from solver.inputs.signals import Jet, smooth_step
 from solver.simulation import Simulation
 
 CHUNK = 10  # steps between samples; with ten times as many a yaw rate of 2 Hz is not seen any more
-FOLLOW = 4.0  # 1/s of the speed control of a passenger car; ten times as much oscillates with the samples
-INTEGRAL = 2.0  # 1/s^2 of the same; ten times as much swings
-# s, of a passenger car: half width of the mean that smooths steering and speed; ten times as much loses the quick turns
-# of the wheel
+# 1/s of the speed control of a passenger car. With a third of it a car that corners is 0.02 m/s from its speed, 8 ms
+# late; ten times as much oscillates with the samples
+FOLLOW = 12.0
+INTEGRAL = 18.0  # 1/s^2 of the same; ten times as much swings
+# s, of a passenger car: half width of the mean that smooths the steering; ten times as much loses the quick turns of
+# the wheel
 SMOOTHER = 0.04
+# the same of the speed, whose slope is what the car is driven by: noise of 0.02 m/s in samples of 10 ms becomes
+# 0.1 m/s^2 of drive and braking, with a fifth of the width 0.5, which takes lateral force from the driven tires; ten
+# times as much drives off two seconds early
+SPEED_SMOOTHER = 0.2
 EASE = (
     0.8  # s in which the steering comes from straight ahead into the recording, of a passenger car: a third of a run-in
 )
@@ -30,12 +36,14 @@ COLUMNS = 12 + 7 + 4  # imu, twist, pose of the chassis, spins of the wheels
 
 @dataclass(frozen=True)
 class Steering:
-    """Nuisances of the measured steering: the car steers gain (channel(t + delay) + offset), lag [s] behind."""
+    """Nuisances of the measured inputs: the car steers gain (channel(t + delay) + offset), lag [s] behind, and follows
+    the speed at t + speed_delay."""
 
     delay: float = 0.0
     gain: float = 1.0
     offset: float = 0.0
     lag: float = 0.0
+    speed_delay: float = 0.0
 
 
 class Inputs:
@@ -54,16 +62,25 @@ class Inputs:
         angle = drive.scale * np.mean([np.interp(grid, one.t, one.y) for one in tracks], axis=0)
         self._steering = _spline(grid, angle)
         self._ends = float(grid[0]), float(grid[-1])
-        speed = _smoothed(data.tracks[drive.speed], half)
-        spline = _spline(speed.t, speed.y)
-        at = np.clip(window.begin + self.t, speed.t[0], speed.t[-1])
-        self.speed, self.slope = spline(at), spline(np.clip(at + 0.5 * self.dt, speed.t[0], speed.t[-1]), 1)
-        self.followed = not (drive.drive_torque or drive.brake_torque)
-        middle = window.begin + self.h * (np.arange(self.chunks * CHUNK) + 0.5)
+        half = SPEED_SMOOTHER * car.size.time
+        # twice, for the slope of a mean is the difference of two samples, and has all of their noise
+        speed = _smoothed(_smoothed(data.tracks[drive.speed], half), half)
+        self._speed = _spline(speed.t, speed.y)
+        self.followed = not drive.torques
+        self._middle = window.begin + self.h * (np.arange(self.chunks * CHUNK) + 0.5)
         self.torques = [
-            np.interp(middle, data.tracks[name].t, data.tracks[name].y) if name else np.zeros(middle.size)
+            np.interp(self._middle, data.tracks[name].t, data.tracks[name].y) if name else np.zeros(self._middle.size)
             for name in (drive.drive_torque, drive.brake_torque)
         ]
+
+    def speed(self, known: Steering) -> tuple[np.ndarray, np.ndarray]:
+        """(speed [m/s] at all samples, its slope [m/s^2] in the middle of all steps); beyond the recording that of its
+        end."""
+        first, last = self._speed.x[[0, -1]]
+        samples, middle = (
+            np.clip(t + known.speed_delay, first, last) for t in (self.window.begin + self.t, self._middle)
+        )
+        return self._speed(samples), self._speed(middle, 1)
 
     def steering(self, known: Steering) -> np.ndarray:
         """(steps, 3) angle, rate and acceleration of the steering wheel at the ends of all steps."""
@@ -111,7 +128,8 @@ def drive(simulation: Simulation, inputs: Inputs, known: Steering) -> np.ndarray
     lever = _lever(simulation)
     time = inputs.car.size.time
     follow, integral = FOLLOW / time, INTEGRAL / time**2
-    first = max(float(inputs.speed[0]), 0.05 * inputs.car.speed)
+    wanted, slope = inputs.speed(known)
+    first = max(float(wanted[0]), 0.05 * inputs.car.speed)
     begin(simulation, first)
     spin = TIRE_COLUMNS.index('spin')
     rows = np.empty((inputs.chunks + 1, COLUMNS))
@@ -128,11 +146,11 @@ def drive(simulation: Simulation, inputs: Inputs, known: Steering) -> np.ndarray
         if k == inputs.chunks:
             break
         if inputs.followed:
-            error = inputs.speed[k] - row[6]
+            error = wanted[k] - row[6]
             kept += integral * inputs.dt * error
-            torque = lever * (inputs.slope[k] + follow * error + kept)
-            rest = slice(k * CHUNK, (k + 1) * CHUNK)
-            u[rest, power], u[rest, brake] = max(torque, 0.0), max(-torque, 0.0)
+            steps = slice(k * CHUNK, (k + 1) * CHUNK)
+            torque = lever * (slope[steps] + follow * error + kept)
+            u[steps, power], u[steps, brake] = np.maximum(torque, 0.0), np.maximum(-torque, 0.0)
         shot = simulation.advance(CHUNK, u[k * CHUNK : (k + 1) * CHUNK], audit=False)
     if not np.isfinite(rows).all() or np.abs(rows[:, 9:12]).max() > 50.0 / time:
         raise StepError(f'recording {inputs.window.recording!r}: the vehicle turns over or spins without end')

@@ -107,7 +107,7 @@ class Drive:
     road wheels, of which several are averaged. scale: of that angle over the channel. speed: channel of the speed along
     x that is followed [m/s], or drive_torque and brake_torque [N m]; both torques need the speed at the start of a
     window. sign of brake_torque: >= 0. delay, gain, offset: what is known of the steering. lag: time constant of the
-    steering behind its command [s]."""
+    steering behind its command [s]. speed_delay: what is known of the delay of a speed that is followed."""
 
     steering_wheel: str = ''
     road_wheel: tuple[str, ...] = ()
@@ -119,16 +119,22 @@ class Drive:
     gain: Known | None = None
     offset: Known | None = None
     lag: Known | None = None
+    speed_delay: Known | None = None
 
     def __post_init__(self) -> None:
         one = bool(self.steering_wheel) != bool(self.road_wheel)
         require(one, 'drive', 'steering_wheel', self.steering_wheel, 'give this or road_wheel, and not both')
 
     @property
+    def torques(self) -> tuple[str, ...]:
+        """Channels of torques; without one the speed is followed."""
+        return tuple(name for name in (self.drive_torque, self.brake_torque) if name)
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """Channels that it needs."""
         steering = self.road_wheel or (self.steering_wheel,)
-        return (*steering, self.speed, *(name for name in (self.drive_torque, self.brake_torque) if name))
+        return (*steering, self.speed, *self.torques)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -234,10 +234,10 @@ def _curves(fitted: Fitted) -> list[pages.Block]:
             t = p.t + window.begin
             band = 1.96 * np.hypot(np.hypot(fitted.noise[name].noise, fitted.noise[name].size), spread[k])
             curves = [
-                pages.curve('95 % band', t, after[k] - band, high=after[k] + band),
-                pages.curve('before', t, before[k]),
-                pages.curve('predicted', t, after[k]),
-                pages.curve('measured', t, p.y),
+                pages.curve('95 % band', t, after[k] - band, high=after[k] + band, style='band'),
+                pages.curve('before', t, before[k], style='other', dash=2),
+                pages.curve('predicted', t, after[k], style='run'),
+                pages.curve('measured', t, p.y, style='reference'),
             ]
             title = f'{name}, {window.recording} from {window.first:.1f} s'
             found.append(pages.chart(title, 'time [s]', f'{name} [{_unit(fitted, name)}]', curves))
