@@ -40,7 +40,15 @@ LARGEST = 200_000  # bytes of a file that is shown; ten times as much is a page 
 LISTED = {  # heading of the navigation -> pages
     'Use': (
         *('docs/tutorial', 'docs/commands', 'docs/coming-from', 'docs/scene', 'docs/vehicle', 'docs/cars', 'docs/tire'),
-        *('docs/levels', 'docs/sweeps', 'docs/viewing', 'docs/comparing', 'docs/fitting', 'docs/evaluating'),
+        *(
+            'docs/levels',
+            'docs/sweeps',
+            'docs/viewing',
+            'docs/comparing',
+            'docs/fitting',
+            'docs/reality',
+            'docs/evaluating',
+        ),
         *('bags/index', 'docs/driving', 'docs/ensembles', 'docs/learning', 'docs/control', 'docs/native'),
     ),
     'ROS and Python': ('docs/ros', 'docs/api', 'reference', 'docs/conventions'),
