@@ -28,6 +28,9 @@ SMOOTHER = 0.04
 # 0.1 m/s^2 of drive and braking, with a fifth of the width 0.5, which takes lateral force from the driven tires; ten
 # times as much drives off two seconds early
 SPEED_SMOOTHER = 0.2
+# m/s^2 over which driving turns into braking, which act on other axles: without it derivatives have a kink there; ten
+# times as much has half of what rolls resist on the brakes all the time
+TURNOVER = 0.1
 EASE = (
     0.8  # s in which the steering comes from straight ahead into the recording, of a passenger car: a third of a run-in
 )
@@ -150,7 +153,8 @@ def drive(simulation: Simulation, inputs: Inputs, known: Steering) -> np.ndarray
             kept += integral * inputs.dt * error
             steps = slice(k * CHUNK, (k + 1) * CHUNK)
             torque = lever * (slope[steps] + follow * error + kept)
-            u[steps, power], u[steps, brake] = np.maximum(torque, 0.0), np.maximum(-torque, 0.0)
+            both = np.hypot(torque, lever * TURNOVER)
+            u[steps, power], u[steps, brake] = 0.5 * (both + torque), 0.5 * (both - torque)
         shot = simulation.advance(CHUNK, u[k * CHUNK : (k + 1) * CHUNK], audit=False)
     if not np.isfinite(rows).all() or np.abs(rows[:, 9:12]).max() > 50.0 / time:
         raise StepError(f'recording {inputs.window.recording!r}: the vehicle turns over or spins without end')

@@ -183,7 +183,7 @@ def test_refused(file: Path, change: tuple[str, str], sentence: str) -> None:
     assert '\n' not in str(error.value)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_result_that_is_worse_is_refused(file: Path, tmp_path: Path) -> None:
     """The recording that is held out is of the car that the fit begins with: what fits the other one is worse there."""
     given = load_file(file)
