@@ -1,19 +1,24 @@
-"""A lane keeper that is designed on a linear model (python-control, extra `control`) drives the whole car in lockstep.
+"""A lane keeper that is designed on a linear model (python-control, extra `control`) drives the full car in lockstep.
 
     python docs/examples/lqr_lane_keeping.py
+
+or over topics, with the simulator beside it:
+
+    simulator --ros-args -p scene:=car_step_steer -p mode:=lockstep -p "overrides:=['maneuver={}', 'start.speed=25']"
+    python docs/examples/lqr_lane_keeping.py --node
 
 1. Lateral velocity and yaw rate at 25 m/s are fitted by two states: the whole car is steered by a small sweep to the
    one side and to the other, and half of the difference is its linear answer. (solver.linear_model() is of an instant
    where wheels roll, since its coordinates turn with them; it serves about equilibria: docs/control.md.)
 2. control.lqr() finds the gains of offset, heading, lateral velocity and yaw rate.
-3. The whole car is steered by these gains, a step at a time, through the filter of commands of the node; in mode
-   lockstep of the node the same numbers go over topics (lockstep_controller.py). It starts beside its lane. The linear
-   model in the same loop says what offset to expect.
+3. The whole car is steered by these gains, a step at a time, through the filter of commands of the node, or by the node
+   itself in mode lockstep. It starts beside its lane. The linear model in the same loop says what offset to expect.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from typing import NamedTuple
 
 import control
@@ -22,7 +27,8 @@ import numpy as np
 import solver
 from solver.inputs.command_filter import BANDWIDTH, CommandSource, commands_of
 
-SCENE, SPEED = 'light_car_straight', 25.0  # m/s, that of the scene
+SCENE, SPEED = 'car_step_steer', 25.0  # m/s
+SETTINGS = ('maneuver={}', 'start.speed=25')
 SWEEP = 0.05  # rad of the steering wheel; ten times as much reaches where tires bend
 FAST = 2.0  # Hz at the end of the sweep; ten times as fast is the filter of commands and no driver
 # m, rad, rad that cost as much as each other; ten times as large an ANGLE steers ten times as much for the same offset
@@ -102,11 +108,51 @@ def drive(car: solver.Simulation, gains: np.ndarray, duration: float) -> np.ndar
     return np.array(offsets)
 
 
+def over_topics(gains: np.ndarray, torque: float, steps: int) -> np.ndarray:
+    """As drive(), of the car that a node simulates in mode lockstep; the lane lies ASIDE to the right of its start."""
+    import rclpy
+    from nav_msgs.msg import Odometry
+    from sensor_msgs.msg import JointState
+
+    rclpy.init()
+    node = rclpy.create_node('lane_keeper')
+    answers_to = node.create_publisher(JointState, 'simulator/lockstep_cmd', 10)
+    offsets: dict[tuple[int, int], float] = {}  # by the stamps of states
+
+    def answer(odom: Odometry) -> None:
+        stamp, at, turn, twist = (
+            odom.header.stamp,
+            odom.pose.pose.position,
+            odom.pose.pose.orientation,
+            odom.twist.twist,
+        )
+        if (stamp.sec, stamp.nanosec) in offsets:
+            return  # said again while the answer is under way
+        y = offsets[stamp.sec, stamp.nanosec] = at.y + ASIDE
+        heading = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z))
+        wanted = -gains @ (y, heading, twist.linear.y, twist.angular.z)
+        command = JointState(name=['steering', 'drive_torque'], position=[float(wanted), torque])
+        command.header.stamp = stamp
+        answers_to.publish(command)
+
+    node.create_subscription(Odometry, 'odom', answer, 10)
+    while len(offsets) <= steps:
+        rclpy.spin_once(node)
+    rclpy.shutdown()
+    return np.array([*offsets.values()])
+
+
 if __name__ == '__main__':
-    whole = solver.simulation_of(solver.load_scene(SCENE))
+    whole = solver.simulation_of(solver.load_scene(SCENE, SETTINGS))
     made = design(whole)
     print('gains of offset, heading, lateral velocity, yaw rate:', made.gains.round(3).tolist())
     print(f'two states leave {100 * made.fit:.1f} % of the answer of the whole car')
-    driven = drive(whole, made.gains, 4.0)
-    off = 1e3 * np.abs(driven - expected(made, 4.0, whole.h)).max()
+    duration = 3.0
+    if '--node' in sys.argv:
+        torque = float(whole.inputs[whole.channels.inputs.index('drive_torque')])
+        driven = over_topics(made.gains, torque, round(duration / whole.h))
+    else:
+        driven = drive(whole, made.gains, duration)
+    n = min(len(driven), round(duration / whole.h) + 1)
+    off = 1e3 * np.abs(driven[:n] - expected(made, duration, whole.h)[:n]).max()
     print(f'from {ASIDE:.2f} m to {driven[-1]:+.4f} m beside the lane; the linear model is off by {off:.1f} mm at most')

@@ -39,7 +39,7 @@ def test_a_designed_lane_keeper_drives_the_whole_car_as_the_linear_model_says() 
     smaller for slow parts and up to twice as large near its own frequency."""
     pytest.importorskip('control', reason='pip install .[test]')
     lqr = example('lqr_lane_keeping')
-    car = solver.simulation_of(solver.load_scene(lqr.SCENE))
+    car = solver.simulation_of(solver.load_scene(lqr.SCENE, lqr.SETTINGS))
     made = lqr.design(car)
     assert made.fit < 0.1 and (np.linalg.eigvals(made.a).real < 0.0).all() and (made.gains > 0.0).all()
     driven, said = lqr.drive(car, made.gains, 3.0), lqr.expected(made, 3.0, car.h)

@@ -48,6 +48,16 @@ def test_a_lockstep_controller_gives_the_same_run_twice(simulator, tmp_path):
     assert '200 steps: y = ' in said[0]
 
 
+def test_a_lane_keeper_drives_the_full_car_in_lockstep(simulator, tmp_path):
+    """As the linear model in the same loop says: within a twentieth of the offset at the start."""
+    pytest.importorskip('control', reason='pip install .[test]')
+    simulator(scene='car_step_steer', mode='lockstep', overrides=['maneuver={}', 'start.speed=25'])
+    said = example(tmp_path, 'lqr_lane_keeping', '--node')
+    found = re.search(r'from 0.20 m to ([+-][\d.]+) m beside the lane; the linear model is off by ([\d.]+) mm', said)
+    assert found, said
+    assert abs(float(found[1])) < 0.01 and float(found[2]) < 10.0
+
+
 def test_two_cars_in_one_graph(simulator, tmp_path):
     said = example(tmp_path, 'two_cars')
     left, right = (
