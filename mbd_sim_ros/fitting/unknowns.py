@@ -116,8 +116,8 @@ def _steering(file: FitFile, car: Any) -> tuple[list[Unknown], dict[str, float]]
         'gain': _Part(given.gain or OF_CLASS, 1.0, sensors.GAIN, '1', low=0.2),
         'offset': _Part(given.offset or OF_CLASS, 0.0, ROAD_OFFSET if given.road_wheel else OFFSET, 'rad'),
         'lag': _Part(given.lag or EXACT, 0.0, delay, 's', low=0.0),
-        # a speed that is followed is a sensor too: were it exact, its noise would seem to say how late all others are
-        'speed_delay': _Part(given.speed_delay or (EXACT if given.torques else OF_CLASS), 0.0, delay, 's'),
+        # a delay that is common to all is told by the speed alone, of which drives at a steady speed tell nothing
+        'speed_delay': _Part(given.speed_delay or EXACT, 0.0, delay, 's'),
     }
     found, centres = _estimated('steering', 'drive', parts)
     named = [dataclasses.replace(u, name='speed.delay') if u.part == 'speed_delay' else u for u in found]
