@@ -155,17 +155,23 @@ def _fit(problem: Problem, out: str | Path | None, say: Say) -> Fitted:
 
 
 def _recentred(problem: Problem, best: Found, which: list[int], free: np.ndarray, say: Say) -> Found:
-    """The minimum of a level that is linear in its numbers, derived anew there until it is where it was derived."""
+    """The minimum of a level that is linear in its numbers, derived anew there until it is where it was derived.
+
+    A minimum that springs from one side of where it is to the other, each time by a part of the time before, is where
+    the steps would cancel: the level is derived there (Aitken's rule, as far as it shortens steps).
+    """
+    centre, before = best.x, None
     for _ in range(RECENTRED):
         say('deriving the level at the result')
-        problem.linearize(best.x)
-        found = descend(problem, best.x, which, free, say)
+        problem.linearize(centre)
+        found = descend(problem, centre, which, free, say)
         W = problem.white(found.J, which)
         sd = 1.0 / np.sqrt(np.diag(W.T @ W + np.diag(problem.prior + 1e-12)))
-        moved = float(np.max(np.abs(found.x - best.x) / sd))
-        best = found
-        if moved < SAME:
-            return best
+        step = (found.x - centre) / sd
+        if float(np.max(np.abs(step))) < SAME:
+            return found
+        turns = 0.0 if before is None else min(float(step @ before) / float(before @ before), 0.0)
+        centre, before = centre + (found.x - centre) / (1.0 - turns), step
     raise StepError(
         'level: the fit at level single_track does not come to rest where its tables were derived; take full or kc'
     )

@@ -7,12 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from mbd_sim_ros.fitting import estimation
 from mbd_sim_ros.fitting.covariance import covariance_of, scatter_of
 from mbd_sim_ros.fitting.estimation import noise_of
 from mbd_sim_ros.fitting.noise import Noise, estimated, whitened
 from mbd_sim_ros.fitting.problem import STEP, Piece, Problem
 from mbd_sim_ros.fitting.recordings import Window
-from mbd_sim_ros.fitting.solve import descend
+from mbd_sim_ros.fitting.solve import Found, descend
 from mbd_sim_ros.fitting.unknowns import Unknown
 from mbd_sim_ros.lab.studies.fit_coverage import SWINGS, drives
 from solver.errors import StepError
@@ -195,3 +196,33 @@ def test_derivative_at_the_edge_of_what_a_vehicle_can_have() -> None:
     low = 0.3 - 0.2 * STEP
     with pytest.raises(StepError, match='no vehicle has this number'):
         problem.jacobian(x, which, motions, central=False)
+
+
+@pytest.mark.parametrize('factor', [-0.8, -0.65, 0.0, 0.5])
+def test_a_level_is_derived_where_its_minimum_stays(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables derived c from the minimum of the exact model have theirs factor * c from it: 5 standard deviations off,
+    six derivations one after the other would leave 5 * 0.8^6 = 1.3, and 5 * 0.65^6 = 0.38."""
+    exact, asked = np.array([1.0, -2.0]), list[np.ndarray]()
+
+    class Derived:
+        unknowns, prior = (), np.zeros(2)
+
+        def linearize(self, x: np.ndarray) -> None:
+            asked.append(x)
+
+        def white(self, J: np.ndarray, _: object) -> np.ndarray:
+            return J
+
+    def at(x: np.ndarray) -> Found:
+        return Found(x, [], np.zeros(2), np.eye(2), 0.0)
+
+    def minimum(_: object, begin: np.ndarray, *__: object) -> Found:
+        assert begin is asked[-1]
+        return at(exact + factor * (begin - exact))
+
+    monkeypatch.setattr(estimation, 'descend', minimum)
+    first = at(exact + np.array([5.0, -1.0]))
+    found = estimation._recentred(Derived(), first, [0], np.ones(2, bool), lambda _: None)  # type: ignore[arg-type]
+    # it moved by less than SAME, which is 1 - factor times what the place of derivation was off
+    assert np.abs(found.x - exact).max() <= abs(factor) / (1.0 - factor) * estimation.SAME
+    assert len(asked) <= estimation.RECENTRED
