@@ -17,7 +17,9 @@ from scipy.stats import t as student
 from mbd_sim_ros.fitting.problem import Problem
 from mbd_sim_ros.fitting.solve import Found
 
-FAINT = 1e-12  # weight by which unknowns of which nothing at all is known stay finite
+# weight, in inverse squared widths, of an unknown of which nothing is known before; ten times as much is still nothing
+# beside what one sample tells, and keeps the matrix invertible
+FAINT = 1e-12
 
 
 class Scatter(NamedTuple):
@@ -31,14 +33,14 @@ def scatter_of(J: np.ndarray, r: np.ndarray, rows: np.ndarray, prior: np.ndarray
     """The scatter of windows. J (samples, n), r (samples,): whitened derivatives and residuals. rows (samples,): the
     window of each. prior (n,): weights of what is known before, an observation whose variance is known.
 
-    Residuals of a window g have the covariance I - J_g C J_g^T where the weights are right (C: covariance of the fit);
-    times its root of power -1 they are as large as the errors. Sums over windows of C J_g^T of these, squared, and
-    C P C of what is known before are the variance. Its mean and variance under right weights give the degrees of
-    freedom.
+    Where the weights are right, residuals of a window g have the covariance I - J_g C J_g^T (C: covariance of the
+    fit), less than that of the errors, which is I; they are divided by its root. The variance is the sum over windows
+    of (C J_g^T r_g)^2 with these residuals, and the diagonal of C P C of what is known before (P: its weights). The
+    degrees of freedom are those of a variance with the same mean and scatter.
     """
     C = np.linalg.inv(J.T @ J + np.diag(prior + FAINT))
     known = np.einsum('ij,j,ji->i', C, prior, C)
-    parts, sides = [], []  # (n,) a window: error of every unknown; (n, n): what of the window goes into which one
+    parts, sides = [], []  # of each window: error of every unknown (n,); what its residuals do to them (n, m), and R
     for k in np.unique(rows):
         own, y = J[rows == k], r[rows == k]
         Q, R = qr(own, mode='economic')

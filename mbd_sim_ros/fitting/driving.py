@@ -28,8 +28,9 @@ SMOOTHER = 0.04
 # 0.1 m/s^2 of drive and braking, with a fifth of the width 0.5, which takes lateral force from the driven tires; ten
 # times as much drives off two seconds early
 SPEED_SMOOTHER = 0.2
-# m/s^2 over which driving turns into braking, which act on other axles: without it derivatives have a kink there; ten
-# times as much has half of what rolls resist on the brakes all the time
+# m/s^2 over which driving turns into braking. Both act on different axles, and a sudden change is a kink in
+# derivatives. In between both act, with half of it each at no torque; ten times as much drives with 0.5 m/s^2 against
+# the brakes
 TURNOVER = 0.1
 EASE = (
     0.8  # s in which the steering comes from straight ahead into the recording, of a passenger car: a third of a run-in

@@ -77,8 +77,9 @@ def recorded(
         fault = faults.get(label, {})
         place = channel.at or car.com
         sensor = Sensor(
-            kind, place, car.com, channel.yaw, fault.get('delay', 0.0), fault.get('gain', 1.0), fault.get('offset', 0.0)
-        )
+            kind, place, car.com, channel.yaw, fault.get('delay', 0.0), fault.get('gain', 1.0),
+            fault.get('offset', 0.0), horizontal=channel.horizontal,
+        )  # fmt: skip
         noise = fault.get('noise', KINDS[kind].noise) * random.standard_normal(t.size)
         columns[channel.channel] = sensor.at(rows, driven.dt, t) + noise
     return columns

@@ -54,7 +54,9 @@ class Channel:
     """A measured signal. channel: its name in the recording. noise: standard deviation of its noise between samples,
     for the preflight (left out: by the recording). at: place of the sensor in the design frame [m]; left out: the
     centre of mass of the chassis. yaw: angle by which its x axis is mounted to the left [rad]. delay [s], gain, offset:
-    what is known of them; left out: as sensors of their kind are. lever: of the place along x and y."""
+    what is known of them; left out: as sensors of their kind are. lever: of the place along x and y. horizontal: an
+    acceleration is that in the plane of the road, as inertial navigation gives it, and not that of a sensor which rolls
+    and pitches with the body and feels its weight."""
 
     channel: str
     noise: float | str | None = None
@@ -65,6 +67,7 @@ class Channel:
     offset: Known | None = None
     lever: Known | None = None
     mounting: Known | None = None
+    horizontal: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

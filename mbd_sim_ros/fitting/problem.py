@@ -55,7 +55,9 @@ class Problem:
         self.file, self.home = file, home
         self.car: Any = Car(file, home) if car is None else car
         size = self.car.size
-        self.kinds = {name: sensors.require_kind(name) for name in file.channels}
+        self.kinds = {
+            name: sensors.require_kind(name, horizontal=one.horizontal) for name, one in file.channels.items()
+        }
         self.data = {one.name: one for one in (self._read() if data is None else data)}
         slowest = SLOWEST * size.speed if file.windows.slowest is None else file.windows.slowest
         self.windows = [
@@ -243,7 +245,7 @@ class Problem:
         channel = self.file.channels[name]
         found = self._sensors[name] | {u.part: values[u.name] for u in self.unknowns if u.of == name}
         com = self.car.com
-        return Sensor(self.kinds[name], channel.at or com, com, channel.yaw, **found)
+        return Sensor(self.kinds[name], channel.at or com, com, channel.yaw, horizontal=channel.horizontal, **found)
 
     def of(self, use: str) -> list[int]:
         """Windows of a use."""

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from solver.errors import SpecError, suggestion
 
@@ -28,12 +29,24 @@ def _rate(axis: int) -> Any:
 
 def _force(axis: int) -> Any:
     """Specific force: f + dw x arm + w x (w x arm)."""
+    return lambda rows, arm, place, dt: _specific_force(rows, arm, dt)[:, axis]
+
+
+def _specific_force(rows: np.ndarray, arm: np.ndarray, dt: float) -> np.ndarray:
+    w = rows[:, 3:6]
+    return np.asarray(rows[:, :3] + np.cross(np.gradient(w, dt, axis=0), arm) + np.cross(w, np.cross(w, arm)))
+
+
+def _horizontal(axis: int) -> Any:
+    """Acceleration along the intermediate axes of [ISO8855], which are horizontal: the specific force without the part
+    of the weight that roll and pitch add to it."""
 
     def of(rows: np.ndarray, arm: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
-        w = rows[:, 3:6]
-        turning = np.gradient(w, dt, axis=0)
-        whole = rows[:, :3] + np.cross(turning, arm) + np.cross(w, np.cross(w, arm))
-        return np.asarray(whole[:, axis])
+        turned = Rotation.from_quat(rows[:, 15:19])
+        force, ahead = turned.apply(_specific_force(rows, arm, dt)), turned.apply([1.0, 0.0, 0.0])
+        size = np.hypot(ahead[:, 0], ahead[:, 1])
+        along, left = (ahead[:, 0], ahead[:, 1]) if axis == 0 else (-ahead[:, 1], ahead[:, 0])
+        return np.asarray((along * force[:, 0] + left * force[:, 1]) / size)
 
     return of
 
@@ -81,13 +94,15 @@ KINDS = {
     **{f'wheel_speed_{corner}': Kind('rad/s', 0.3, 0.1, _wheel(k)) for k, corner in enumerate(CORNERS)},
 }
 AROUND = ('longitudinal_velocity', 'vertical_acceleration', *(f'wheel_speed_{corner}' for corner in CORNERS))
+HORIZONTAL = {'longitudinal_acceleration': _horizontal(0), 'lateral_acceleration': _horizontal(1)}
 # sd of the delay [s] and gain of a usual sensor; ten times as much would be a fault
 DELAY, GAIN = 0.02, 0.01
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A measured channel with its nuisances at some values. place: in the design frame [m]; com: of the chassis."""
+    """A measured channel with its nuisances at some values. place: in the design frame [m]; com: of the chassis.
+    horizontal: of an acceleration, whether it is one in the plane of the road, as inertial navigation gives it."""
 
     kind: str
     place: tuple[float, float, float]
@@ -99,6 +114,7 @@ class Sensor:
     lever_x: float = 0.0
     lever_y: float = 0.0
     mounting: float = 0.0
+    horizontal: bool = False
 
     def at(self, rows: np.ndarray, dt: float, t: np.ndarray, spread: np.ndarray | float = 0.0) -> np.ndarray:
         """The signal at times t [s] from the first of the rows, as means over times with a variance `spread` [s^2]
@@ -106,10 +122,11 @@ class Sensor:
         place = np.array(self.place) + [self.lever_x, self.lever_y, 0.0]
         arm = place - np.array(self.com)
         turn = self.yaw + self.mounting
-        values = KINDS[self.kind].of(rows, arm, place, dt)
+        of = {name: kind.of for name, kind in KINDS.items()} | (HORIZONTAL if self.horizontal else {})
+        values = of[self.kind](rows, arm, place, dt)
         pair = PAIRS.get(self.kind)
         if pair is not None and turn:
-            other = KINDS[pair[0]].of(rows, arm, place, dt)
+            other = of[pair[0]](rows, arm, place, dt)
             values = np.cos(turn) * values + pair[1] * np.sin(turn) * other
         elif self.kind == 'sideslip':
             values = values - turn
@@ -126,9 +143,11 @@ PAIRS = {  # the other component of a vector in the plane, and the sign of its p
 }
 
 
-def require_kind(name: str) -> str:
+def require_kind(name: str, *, horizontal: bool = False) -> str:
     """The kind of a channel by its name, behind which there may be more ('yaw_rate.imu'). Raises SpecError."""
     kind = name.partition('.')[0]
     if kind not in KINDS:
         raise SpecError(f'channels: {name!r} is no quantity that can be compared{suggestion(kind, KINDS)}')
+    if horizontal and kind not in HORIZONTAL:
+        raise SpecError(f'channels: {name}: horizontal is for {" and ".join(HORIZONTAL)}; take it away')
     return kind

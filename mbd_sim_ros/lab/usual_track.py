@@ -104,14 +104,15 @@ class UsualTrack:
     def _one(self, p: np.ndarray, one: Inputs, steering: Steering) -> np.ndarray:
         delta = one.steering(steering)[:, 0]
         chunk = delta.size // one.chunks
-        speed = np.interp(self.h * (np.arange(delta.size) + 1.0), one.t, one.speed(steering)[0])
+        samples, _ = one.speed(steering)
+        speed = np.interp(self.h * (np.arange(delta.size) + 1.0), one.t, samples)
         out = np.zeros((delta.size, 3))
         follow(p, delta, speed, self.h, out)
         if not (np.abs(out[:, 0]) < speed).all():  # also what is no number
             raise StepError(f'recording {one.window.recording!r}: the vehicle spins: its sideslip passes 45 deg')
         rows = np.zeros((one.chunks + 1, COLUMNS))
         rows[1:, [7, 11, 1]] = out[chunk - 1 :: chunk]
-        rows[:, 5], rows[:, 6], rows[:, 18] = rows[:, 11], one.speed(steering)[0], 1.0
+        rows[:, 5], rows[:, 6], rows[:, 18] = rows[:, 11], samples, 1.0
         return rows
 
 

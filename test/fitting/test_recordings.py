@@ -7,12 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from mbd_sim_ros.fitting import recordings
-from mbd_sim_ros.fitting.driving import _lagged
+from mbd_sim_ros.fitting.car import Car
+from mbd_sim_ros.fitting.driving import Inputs, Steering, _lagged, drive
 from mbd_sim_ros.fitting.file import Drive, Known, Like, Recording, Windows, load_file, number_of, sd_of
-from mbd_sim_ros.fitting.recordings import Data, Track
-from mbd_sim_ros.fitting.sensors import Sensor
+from mbd_sim_ros.fitting.recordings import Data, Track, Window
+from mbd_sim_ros.fitting.sensors import Sensor, require_kind
 from mbd_sim_ros.fitting.similar import total_mass, vehicle_like, yaml_of
 from mbd_sim_ros.fitting.tracks import LinearTrack
 from solver.errors import BagError, MbdError, SceneError, SpecError
@@ -142,6 +145,59 @@ def test_signs_of_angles() -> None:
     assert Sensor('roll', place, place, 0.0).at(rows, 0.01, at) == pytest.approx(roll)
     assert Sensor('pitch', place, place, 0.0).at(rows, 0.01, at) == pytest.approx(pitch)
     assert Sensor('sideslip', place, place, 0.0).at(rows, 0.01, at) == pytest.approx(-0.049958, abs=1e-6)
+
+
+def test_a_horizontal_acceleration_is_without_the_weight() -> None:
+    """A body that rolls by 0.1 to the right, pitches by 0.05 with its nose down and heads 0.7 to the left, with 2 m/s^2
+    ahead and 3 to the left in the plane of the road; a sensor on it shows another part of the weight on either axis."""
+    roll, pitch, yaw = 0.1, 0.05, 0.7
+    turned = Rotation.from_euler('ZYX', [yaw, pitch, roll])
+    ahead, left = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+    rows = np.zeros((9, 23))
+    rows[:, :3] = turned.inv().apply(2.0 * ahead + 3.0 * left + [0.0, 0.0, 9.81])
+    rows[:, 15:19] = turned.as_quat()
+    t, origin = 0.1 * np.arange(9), (0.0, 0.0, 0.0)
+    shown = {
+        (name, horizontal): Sensor(name, origin, origin, 0.0, horizontal=horizontal).at(rows, 0.1, t)[4]
+        for name in ('longitudinal_acceleration', 'lateral_acceleration')
+        for horizontal in (True, False)
+    }
+    assert shown['longitudinal_acceleration', True] == pytest.approx(2.0, abs=1e-12)
+    assert shown['lateral_acceleration', True] == pytest.approx(3.0, abs=1e-12)
+    # by hand: 2 cos p - 9.81 sin p, and 2 sin r sin p + 3 cos r + 9.81 sin r cos p
+    assert shown['longitudinal_acceleration', False] == pytest.approx(1.9975 - 0.4903, abs=1e-4)
+    assert shown['lateral_acceleration', False] == pytest.approx(0.00998 + 2.98501 + 0.97813, abs=1e-4)
+    with pytest.raises(SpecError, match='yaw_rate: horizontal is for longitudinal_acceleration'):
+        require_kind('yaw_rate', horizontal=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('level', ['single_track', 'kc'])
+def test_a_horizontal_acceleration_is_that_of_the_motion(level: str, tmp_path: Path) -> None:
+    """v r + dvy/dt of a car that corners at 5 m/s^2, by its velocities alone; the body rolls outwards, so a sensor on
+    it shows more."""
+    (tmp_path / 'fit.yaml').write_text(
+        f'vehicle: vehicles/light_car.yaml\nlevel: {level}\nrecordings: {{a: {{file: a, use: held_out}}}}\n'
+        'drive: {steering_wheel: s, speed: v}\nchannels: {yaw_rate: {channel: r}}\nparameters: {mass: {sd: 2 %}}\n'
+    )
+    file = load_file(tmp_path / 'fit.yaml')
+    car = Car(file, tmp_path)
+    t = 0.01 * np.arange(801)
+    steer = Track(t, 1.2 * np.clip((t - 2.0) / 3.0, 0.0, 1.0))
+    data = Data('made', 'fit', {'s': steer, 'v': Track(t, np.full(t.size, 20.0))})
+    inputs = Inputs(data, file.drive, Window('made', 'fit', 0.0, 0.0, 8.0), car)
+    rows = drive(car.simulation({}), inputs, Steering())
+    at = np.linspace(3.0, 7.5, 200)
+
+    def shown(kind: str, horizontal: bool = False) -> np.ndarray:
+        return Sensor(kind, car.com, car.com, 0.0, horizontal=horizontal).at(rows, inputs.dt, at)
+
+    vy = CubicSpline(at, shown('lateral_velocity'))
+    motion = shown('longitudinal_velocity') * shown('yaw_rate') + vy(at, 1)
+    assert np.abs(motion).max() > 3.0
+    # velocities are along axes of the body, which roll and pitch by 0.05 at most: 1 - cos, and the vertical motion
+    assert np.abs(shown('lateral_acceleration', True) - motion).max() < 0.01 * np.abs(motion).max()
+    assert (np.abs(shown('lateral_acceleration')) - np.abs(motion))[-50:].min() > 0.02 * np.abs(motion).max()
 
 
 def test_lag_of_the_steering() -> None:
