@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +14,12 @@ gymnasium = pytest.importorskip('gymnasium', reason='pip install .[learn]')
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from mbd_sim_ros.learn import TASKS, Task, single, vector  # noqa: E402
+from mbd_sim_ros.learn.fleet import Fleet  # noqa: E402
 from mbd_sim_ros.learn.line import Line  # noqa: E402
 from solver.errors import SpecError  # noqa: E402
 from solver.inputs.driver import Course  # noqa: E402
 
-SHORT = {'duration': 1.0}
+SHORT: dict[str, Any] = {'duration': 1.0}
 
 
 def test_a_line_knows_side_heading_and_curvature_of_a_circle() -> None:
@@ -32,6 +34,61 @@ def test_a_line_knows_side_heading_and_curvature_of_a_circle() -> None:
         assert line.turn_to(k, angle + 0.5 * np.pi + 0.1) == pytest.approx(0.1, abs=2e-2)
     ahead = line.ahead(line.nearest(30.0, 0.0), 0.25 * line.length)
     np.testing.assert_allclose(line.points[ahead], [0.0, 30.0], atol=0.3)
+
+
+def test_left_is_positive_beside_a_line_that_leads_to_the_left_and_then_bends_to_the_right() -> None:
+    """Along +y at x = 3 m, then a quarter of a circle of radius 20 m about (23, 40), then along +x."""
+    way, turn = np.arange(0.0, 40.0, 0.25)[:, None], np.linspace(0.0, 0.5 * np.pi, 200)
+    bend = np.column_stack([23.0 - 20.0 * np.cos(turn), 40.0 + 20.0 * np.sin(turn)])
+    line = Line(np.concatenate([[3.0, 0.0] + way * [0.0, 1.0], bend, [23.25, 60.0] + way * [1.0, 0.0]]), closed=False)
+    k = line.nearest(1.0, 10.0)
+    assert line.offset(k, 1.0, 10.0) == pytest.approx(2.0)  # west of a way to the north
+    assert line.turn_to(k, 1.7) == pytest.approx(1.7 - 1.5708, abs=1e-4)
+    assert line.curvature[k] == pytest.approx(0.0, abs=1e-9)
+    assert line.curvature[line.ahead(k, 45.0)] == pytest.approx(-1.0 / 20.0, rel=0.05)
+    assert line.offset(line.nearest(50.0, 59.0), 50.0, 59.0) == pytest.approx(-1.0)  # south of a way to the east
+
+
+def test_a_place_is_followed_along_a_line_however_far_a_car_has_gone() -> None:
+    """Also to an end, back again, from the middle of a circle, and not across to the other leg of a hairpin."""
+    straight = Line(np.column_stack([np.arange(0.0, 200.1, 0.25), np.zeros(801)]), closed=False)
+    assert [straight.nearest(x, 3.0, near) for x, near in ((100.0, 0), (16.0, 0), (1e3, 5), (-9.0, 700))] == [
+        400, 64, 800, 0,
+    ]  # fmt: skip
+    turn = np.arange(1000) * 2.0 * np.pi / 1000
+    circle = Line(30.0 * np.column_stack([np.cos(turn), np.sin(turn)]), closed=True)
+    assert circle.nearest(29.0 * np.cos(turn[400]), 29.0 * np.sin(turn[400]), 0) == 400
+    assert circle.nearest(31.0 * np.cos(turn[600]), 31.0 * np.sin(turn[600]), 0) == 600  # the other way round
+    assert 0 <= circle.nearest(0.0, 0.0, 10) < 1000
+    legs = np.concatenate([straight.points, [[200.0, 2.0]], straight.points[::-1] + [0.0, 4.0]])
+    assert Line(legs, closed=False).nearest(150.0, 3.0, 0) == 600  # 3 m from the leg it drives, 1 m from the other one
+
+
+def test_a_start_to_the_left_a_turn_to_the_right_and_the_way_have_their_signs() -> None:
+    """The road begins along +x; what a generator would have drawn is given: all of the offset, half of the turn."""
+
+    class Drawn:
+        """Numbers in turn."""
+
+        def __init__(self) -> None:
+            self._numbers = iter((1.0, -0.5))
+
+        def uniform(self, low: float, high: float) -> float:
+            """The next one."""
+            return next(self._numbers)
+
+    seen = {'offset': 1.0, 'heading_error': 1.0, 'progress': 10.0, 'yaw_rate': 1.0}
+    signs = {'costs': {}, 'alive': 0.0, 'progress': 0.2, 'start': (0.4, 0.1)}
+    fleet = Fleet(TASKS['lane_keeping'].replace(observations=seen, **signs), 1)
+    fleet.reset(0, Drawn())  # type: ignore[arg-type]
+    np.testing.assert_allclose(fleet.observe()[0], [0.4, -0.05, 0.0, 0.0], atol=1e-3)
+    np.testing.assert_allclose(fleet.ensemble.simulations[0].snapshot().pose[0][:2], [0.0, 0.4], atol=0.2)
+    done = fleet.step(np.array([[0.0]]))  # 25 m/s for 0.1 s, of which sin(0.05) to the right
+    np.testing.assert_allclose(done.observations[0], [0.4 - 0.125, -0.05, 0.25, 0.0], atol=0.03)
+    assert done.rewards[0] == pytest.approx(0.2 * 2.5, rel=0.06)  # the way counts in points 0.25 m apart at most
+    for _ in range(5):
+        done = fleet.step(np.array([[0.5]]))
+    assert done.observations[0, 3] > 0.05  # steered to the left
 
 
 @pytest.mark.slow
