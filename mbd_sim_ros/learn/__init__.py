@@ -5,7 +5,12 @@ Importing this registers them with Gymnasium (extra `learn`).
 
 from __future__ import annotations
 
-import gymnasium
+try:
+    import gymnasium
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        "mbd_sim_ros.learn needs Gymnasium: pip install 'mbd_sim_ros[learn]'", name=error.name
+    ) from None
 
 from mbd_sim_ros.learn.environments import DrivingEnv, DrivingVectorEnv, single, vector
 from mbd_sim_ros.learn.tasks import TASKS, Task

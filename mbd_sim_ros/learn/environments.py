@@ -20,13 +20,14 @@ from gymnasium.vector.utils import batch_space
 from mbd_sim_ros.learn.fleet import LIMIT, Fleet
 from mbd_sim_ros.learn.tasks import TASKS, Task
 from solver.errors import SpecError, suggestion
+from solver.validate import require
 
 
 def task_of(task: str | Task, **changes: Any) -> Task:
     """A task by its name, with other fields. Raises SpecError for a name or field that there is not."""
-    if isinstance(task, str):
+    if not isinstance(task, Task):
         if task not in TASKS:
-            raise SpecError(f'task {task!r}: no such task{suggestion(task, TASKS)}; one of: {", ".join(TASKS)}')
+            raise SpecError(f'task {task!r}: no such task{suggestion(str(task), TASKS)}; or give a Task')
         task = TASKS[task]
     return task.replace(**changes) if changes else task
 
@@ -53,8 +54,8 @@ class DrivingEnv(gymnasium.Env):
         return self.fleet.observe()[0], self.fleet.told(0)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict]:
-        """A decision: (observation, reward, ended, cut off, facts)."""
-        o = self.fleet.step(np.asarray(action)[None, :])
+        """A decision: (observation, reward, ended, cut off, facts). Raises SpecError for another kind of action."""
+        o = self.fleet.step(np.asarray(action)[None])
         ended = bool(o.bad[0] or o.well[0])
         return o.observations[0], float(o.rewards[0]), ended, bool(o.cut[0]), self.fleet.told(0)
 
@@ -83,6 +84,8 @@ class DrivingVectorEnv(VectorEnv):
             seed = [int(seed) + k for k in range(self.num_envs)]
         if seed is not None or not self._chances:
             seeds = [None] * self.num_envs if seed is None else list(seed)
+            many = f'give one, or one for each of the {self.num_envs} cars'
+            require(len(seeds) == self.num_envs, f'task {self.task.name}', 'seed', seed, many)
             self._chances = [gymnasium.utils.seeding.np_random(one)[0] for one in seeds]
         for k, chance in enumerate(self._chances):
             self.fleet.reset(k, chance)
@@ -90,7 +93,9 @@ class DrivingVectorEnv(VectorEnv):
         return self.fleet.observe(), self._told()
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict]:
-        """A decision of each: (observations, rewards, ended, cut off, facts)."""
+        """A decision of each: (observations, rewards, ended, cut off, facts). Raises SpecError for other actions."""
+        if not self._chances:
+            raise gymnasium.error.ResetNeeded('call reset() before the first step()')
         o = self.fleet.step(np.asarray(actions))
         seen, rewards, ended, cut = o.observations, o.rewards, o.bad | o.well, o.cut
         again = np.flatnonzero(self._over)

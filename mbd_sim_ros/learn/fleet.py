@@ -1,8 +1,8 @@
-"""Cars that do a task, all at once in an Ensemble: actions in, observations, rewards and ends out. Gymnasium is not
-needed here."""
+"""Cars that do a task, all at once in an Ensemble: actions in, observations, rewards and ends out."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +14,11 @@ from solver.inputs.command_filter import COMMANDS, CommandSource, commands_of, f
 from solver.inputs.recorded import ACCELERATION, RATE
 from solver.output.snapshot import Snapshot
 from solver.quantities import Quantity, quantity
+from solver.validate import require
 
-LIMIT = 10.0  # of an observation, in its scale; what is further off is no longer told apart
+# Largest observation, in multiples of its scale: larger ones are cut to it. Ten times as much would let a spinning car
+# outweigh all that a policy has seen before.
+LIMIT = 10.0
 
 
 class Outcome(NamedTuple):
@@ -36,6 +39,9 @@ class Fleet:
 
     def __init__(self, task: Task, count: int, seed: int = 0) -> None:
         self.task = task
+        for name, value, least in (('count', count, 1), ('variation', seed, 0)):
+            whole = isinstance(value, int | np.integer) and value >= least
+            require(whole, f'task {task.name}', name, value, f'give a whole number of at least {least}')
         if task.vary:
             scenes = [load_scene(task.scene, [*task.changes, *task.drawn(seed + k)]) for k in range(count)]
         else:
@@ -63,16 +69,19 @@ class Fleet:
 
     def _quantity(self, name: str) -> Quantity | tuple[str, float]:
         """Meaning of a signal: a quantity, or one of ON_LINE and the way ahead [m]. Raises SpecError."""
-        head, _, ahead = name.partition('+')
+        head, plus, ahead = name.partition('+')
         if head not in ON_LINE:
             try:
                 return quantity(name, self.ensemble.channels)
             except SpecError as error:
                 raise SpecError(f'task {self.task.name}: {error}{suggestion(name, ON_LINE)}') from None
         try:
-            return head, float(ahead or 0.0)
+            way = float(ahead) if plus else 0.0
         except ValueError:
-            raise SpecError(f'task {self.task.name}: {name}: give metres behind the +, as in curvature+20') from None
+            way = math.nan
+        if not 0.0 <= way < math.inf or (plus and head != 'curvature'):
+            raise SpecError(f'task {self.task.name}: {name}: only curvature is seen ahead: write curvature+20 for 20 m')
+        return head, way
 
     def __len__(self) -> int:
         return len(self._filters)
@@ -96,9 +105,12 @@ class Fleet:
         return self._seen(self._signals([s.snapshot() for s in self.ensemble.simulations]))
 
     def step(self, actions: np.ndarray) -> Outcome:
-        """A decision of every car: actions (n, task.actions) between -1 and 1, beyond which they are cut."""
+        """A decision of every car: actions (n, task.actions) between -1 and 1, beyond which they are cut.
+
+        Raises SpecError for actions of another shape, and for what is no number; no car has moved then.
+        """
         task = self.task
-        self.ensemble.advance(self.steps, self._rows(np.clip(np.asarray(actions, float), -1.0, 1.0)))
+        self.ensemble.advance(self.steps, self._rows(self._accepted(actions)))
         self._decisions += 1
         before = self._way.copy()
         signals = self._signals([s.snapshot() for s in self.ensemble.simulations], move=True)
@@ -113,6 +125,19 @@ class Fleet:
         rewards = task.every * (task.alive - cost) + task.progress * (self._way - before) - task.crash * bad
         cut = ~bad & ~well & (self._decisions >= round(task.duration / task.every))
         return Outcome(self._seen(signals), rewards, bad, well, cut)
+
+    def _accepted(self, actions: np.ndarray) -> np.ndarray:
+        """(n, task.actions) actions, cut at -1 and 1. Raises SpecError."""
+        where, shape = f'task {self.task.name}', (len(self), self.task.actions)
+        try:
+            given = np.asarray(actions, float)
+        except (TypeError, ValueError):
+            raise SpecError(f'{where}: actions = {actions!r}: give an array of numbers') from None
+        require(given.shape == shape, where, 'shape of actions', given.shape, f'must be {shape}: cars, numbers of each')
+        bad = np.flatnonzero(np.isnan(given).any(axis=1))
+        if len(bad):
+            raise SpecError(f'{where}: action of car {bad[0]} = {given[bad[0]].tolist()}: NaN is no action')
+        return np.clip(given, -1.0, 1.0)
 
     def _rows(self, actions: np.ndarray) -> np.ndarray:
         """(n, steps, nu) inputs: those of the maneuver by the clock, with what is commanded instead."""

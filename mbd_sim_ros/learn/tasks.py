@@ -6,8 +6,8 @@ that it is to follow,
 | name | |
 |---|---|
 | offset | distance of base_link to the left of the line [m] |
-| heading_error | heading relative to the line [rad] |
-| curvature, curvature+20 | of the line beside the car, and so many metres ahead [1/m], positive to the left |
+| heading_error | heading relative to the line [rad], positive to the left |
+| curvature, curvature+20 | curvature of the line beside the car, and 20 m ahead of it [1/m], positive to the left |
 | progress | way along the line since the start [m] |
 """
 
@@ -24,7 +24,7 @@ from mbd_sim_ros.learn.line import Line
 from solver.errors import SpecError
 from solver.inputs.driver import Course, PreviewDriver
 from solver.scene import Scene
-from solver.validate import finite, require
+from solver.validate import finite, require, vector
 
 ON_LINE = ('offset', 'heading_error', 'curvature', 'progress')
 
@@ -71,15 +71,30 @@ class Task:
     vary: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ('steering', 'every', 'duration', 'width', 'turned'):
-            finite(f'task {self.name}', name, getattr(self, name), low=0.0, strict=True)
+        where = f'task {self.name}'
+        for name in ('steering', 'every', 'width', 'turned'):
+            finite(where, name, getattr(self, name), low=0.0, strict=True)
+        finite(where, 'duration', self.duration, low=self.every)
         for name in ('drive', 'brake', 'slow'):
-            finite(f'task {self.name}', name, getattr(self, name), low=0.0)
-        require(bool(self.observations), f'task {self.name}', 'observations', {}, 'name one signal at least')
+            finite(where, name, getattr(self, name), low=0.0)
+        for name in ('alive', 'progress', 'crash'):
+            finite(where, name, getattr(self, name))
+        require(not isinstance(self.changes, str), where, 'changes', self.changes, 'give a tuple of key=value')
+        for name in ('observations', 'costs', 'vary'):
+            value = getattr(self, name)
+            require(isinstance(value, Mapping), where, name, value, 'give a dict by names')
+        require(bool(self.observations), where, 'observations', {}, 'name one signal at least')
+        for signal, cost in self.costs.items():
+            vector(where, f'costs.{signal} (scale, weight)', cost, 2)
         for signal, scale in (*self.observations.items(), *((name, cost[0]) for name, cost in self.costs.items())):
-            finite(f'task {self.name}', f'scale of {signal}', scale, low=0.0, strict=True)
-        for key, (low, high) in self.vary.items():
-            require(low <= high, f'task {self.name}', f'vary.{key}', (low, high), 'give (low, high)')
+            finite(where, f'scale of {signal}', scale, low=0.0, strict=True)
+        for value in vector(where, 'start (offset, heading)', self.start, 2):
+            finite(where, 'start', value, low=0.0)
+        for k, point in enumerate(self.points):
+            vector(where, f'points[{k}]', point, 2)
+        for key, ends in self.vary.items():
+            low, high = vector(where, f'vary.{key} (low, high)', ends, 2)
+            require(low <= high, where, f'vary.{key}', ends, 'give (low, high)')
 
     @property
     def actions(self) -> int:

@@ -180,7 +180,7 @@ def test_rewards_are_those_of_the_formula_and_an_exit_ends_badly() -> None:
     ('changes', 'said'),
     [
         ({'observations': {'yaw_rat': 1.0}}, 'yaw_rat: no such quantity'),
-        ({'observations': {'curvature+x': 1.0}}, 'give metres behind the'),
+        ({'observations': {'curvature+x': 1.0}}, 'write curvature+20 for 20 m'),
         ({'observations': {}}, 'name one signal at least'),
         ({'observations': {'offset': 0.0}}, 'scale of offset'),
         ({'every': 0.0123}, 'must be a multiple of integrator.h'),
@@ -188,6 +188,18 @@ def test_rewards_are_those_of_the_formula_and_an_exit_ends_badly() -> None:
         ({'weidth': 3.0}, 'no such field; one of'),
         ({'vary': {'vehicle.chassis.mass': (2.0, 1.0)}}, 'give (low, high)'),
         ({'scene': 'pendulum', 'changes': ()}, 'the car has no input steering'),
+        ({'observations': {'offset+5': 1.0}}, 'only curvature is seen ahead'),
+        ({'observations': {'curvature+nan': 1.0}}, 'only curvature is seen ahead'),
+        ({'observations': ['offset']}, 'give a dict by names'),
+        ({'costs': {'offset': 0.5}}, 'costs.offset (scale, weight) = 0.5: must be a list of 2 numbers'),
+        ({'costs': {'offset': (1.0, 'x')}}, 'must be a finite number'),
+        ({'vary': {'vehicle.chassis.mass': 1100.0}}, 'must be a list of 2 numbers'),
+        ({'start': 0.5}, 'must be a list of 2 numbers'),
+        ({'alive': float('nan')}, 'alive = nan: must be a finite number'),
+        ({'duration': 0.05}, 'duration = 0.05: must be >= 0.1'),
+        ({'changes': 'fidelity=kc'}, 'give a tuple of key=value'),
+        ({'points': (('a', 0.0), (1.0, 1.0))}, 'points[0][0]'),
+        ({'variation': -1}, 'variation = -1: give a whole number of at least 0'),
     ],
 )
 def test_a_task_that_does_not_fit_is_refused_in_a_sentence(changes: dict, said: str) -> None:
@@ -199,8 +211,33 @@ def test_a_task_that_does_not_fit_is_refused_in_a_sentence(changes: dict, said: 
 def test_an_unknown_task_is_refused_with_those_that_there_are() -> None:
     with pytest.raises(SpecError, match=r'no such task.*lane_keeping'):
         single('lane_keping')
+    with pytest.raises(SpecError, match='or give a Task'):
+        single(None)  # type: ignore[arg-type]
+    with pytest.raises(SpecError, match='count = 0'):
+        vector('lane_keeping', 0)
     with pytest.raises(SpecError, match='observations'):
         Task(name='empty', scene='pendulum')
+
+
+def test_actions_that_are_none_are_refused_and_no_car_moves() -> None:
+    env, envs = single('lane_keeping'), vector('lane_keeping', 3)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        envs.step(np.zeros((3, 1)))
+    for seed in ([1, 2], [1, 2, 3, 4]):
+        with pytest.raises(SpecError, match='one for each of the 3 cars'):
+            envs.reset(seed=seed)
+    before, _ = env.reset(seed=1)
+    for shape in ((0,), (2,), (), (1, 1)):
+        with pytest.raises(SpecError, match='shape of actions'):
+            env.step(np.zeros(shape))
+    for value, said in ((np.nan, 'action of car 0'), ('left', 'give an array of numbers')):
+        with pytest.raises(SpecError, match=said):
+            env.step(np.array([value]))
+    assert (env.fleet.observe()[0] == before).all()
+    envs.reset(seed=1)
+    for shape in ((2, 1), (4, 1), (3,), (1, 1)):
+        with pytest.raises(SpecError, match='must be \\(3, 1\\)'):
+            envs.step(np.zeros(shape))
 
 
 def _driven(env, law: Callable[[dict[str, float]], list[float]]) -> tuple[float, bool, bool, dict]:
