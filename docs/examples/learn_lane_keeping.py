@@ -1,6 +1,7 @@
 """Lane keeping is learned on the single-track level of the full car, and certified on the full car itself.
 
-    python docs/examples/learn_lane_keeping.py            # two minutes; prints the return of every tenth generation
+    python docs/examples/learn_lane_keeping.py       # two minutes; prints the return of every tenth generation
+    python docs/examples/learn_lane_keeping.py 20    # 20 generations instead of 80
 
 The policy is linear: the action is W times what is seen. An evolution strategy with mirrored samples improves W
 (Salimans et al. 2017, docs/references.md); the cars of a generation drive in the lanes of a core. Certified means:
@@ -10,6 +11,7 @@ lane.
 
 from __future__ import annotations
 
+import argparse
 import sys
 from typing import NamedTuple
 
@@ -80,7 +82,12 @@ def certify(W: np.ndarray, starts: int = 3) -> Certificate:
 
 
 if __name__ == '__main__':
-    learned, _ = learn(int(sys.argv[1]) if len(sys.argv) > 1 else 80, say=print)
-    found = certify(learned)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('generations', type=int, nargs='?', default=80, help='of the evolution strategy (default: 80)')
+    try:
+        learned, _ = learn(parser.parse_args().generations, say=print)
+        found = certify(learned)
+    except KeyboardInterrupt:
+        sys.exit('interrupted: nothing is kept')
     print(f'full car: largest offset {found.offset:.2f} m, returns', ' '.join(f'{r:.2f}' for r in found.returns))
     print('held its lane in all drives' if found.held else 'left its lane')

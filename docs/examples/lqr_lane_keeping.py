@@ -21,8 +21,12 @@ import math
 import sys
 from typing import NamedTuple
 
-import control
 import numpy as np
+
+try:
+    import control
+except ModuleNotFoundError:
+    sys.exit("this example needs python-control: pip install 'mbd_sim_ros[control]'")
 
 import solver
 from solver.inputs.command_filter import BANDWIDTH, CommandSource, commands_of

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -64,3 +65,17 @@ def test_a_policy_that_is_learned_on_a_small_model_holds_the_full_car_in_its_lan
     found = lanes.certify(W, starts=1)
     assert found.held and found.offset < lanes.FULL.width
     assert not lanes.certify(np.zeros_like(W), starts=1).held
+
+
+@pytest.mark.parametrize(('name', 'extra', 'library'), [
+    ('lqr_lane_keeping', 'control', 'control'), ('mpc_branches', 'learn', 'gymnasium'),
+])  # fmt: skip
+def test_an_example_whose_library_is_missing_names_the_extra(
+    name: str, extra: str, library: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)  # an import of it fails
+    for module in [module for module in sys.modules if module.startswith('mbd_sim_ros.learn')]:
+        monkeypatch.delitem(sys.modules, module)
+    with pytest.raises((SystemExit, ModuleNotFoundError)) as caught:
+        example(name)
+    assert f"pip install 'mbd_sim_ros[{extra}]'" in str(caught.value)
