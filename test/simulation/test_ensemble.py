@@ -131,6 +131,37 @@ def test_a_failure_late_in_a_call_leaves_what_was_shown_before_it(audit: bool) -
     require_same(together, alone)
 
 
+def test_lanes_rest_where_fewer_than_four_are_left() -> None:
+    """Five of eight fail at the beginning. The other three step alone for 256 steps, are tried together for one block,
+    and then step alone for twice as long; their bits stay those of single runs."""
+    together, alone = Ensemble(cars()), cars()
+    (group, _), torque = together._groups[0], together.channels.inputs.index('drive_torque')
+    blocks: list[int] = []  # steps asked of lanes
+    by_itself: list[int] = []  # steps asked of the last engine alone
+    last = group.engines[7]
+    run, advance = group.run, last.advance
+
+    def counted_run(count: int, *others: Any) -> None:
+        blocks.append(count)
+        run(count, *others)
+
+    def counted_advance(k: int, rows: np.ndarray, n: int, *others: Any) -> Any:
+        by_itself.append(n)
+        return advance(k, rows, n, *others)
+
+    group.run, last.advance = counted_run, counted_advance
+    rows = np.zeros((COUNT, 2048, len(together.channels.inputs)))
+    rows[:5, 10:, torque] = 1e308
+    together.advance(2048, rows)
+    assert [bool(failure) for failure in together.failures] == [True] * 5 + [False] * 3
+    assert len(blocks) == 3 and 0 < by_itself[0] <= 256 - 10
+    assert by_itself[1:3] == [256, 512]
+    assert sum(by_itself[1:]) + sum(blocks) == 2048
+    for k in (5, 6, 7):
+        alone[k].advance(2048, rows[k])
+        assert state_of(together.simulations[k]) == state_of(alone[k])
+
+
 def test_simulations_stay_simulations() -> None:
     """One of them is saved, restored, advanced by itself and reset between two calls."""
     together, alone = Ensemble(cars()), cars()
