@@ -37,6 +37,7 @@ SWEEP = 0.05  # rad of the steering wheel; ten times as much reaches where tires
 FAST = 2.0  # Hz at the end of the sweep; ten times as fast is the filter of commands and no driver
 # m, rad, rad that cost as much as each other; ten times as large an ANGLE steers ten times as much for the same offset
 OFFSET, HEADING, ANGLE = 0.5, 0.2, 0.5
+PATIENCE = 60.0  # s for the first state, in which kernels may compile; ten times as much looks as if it hung
 ASIDE = 0.2  # m beside the lane at the start; ten times as much is a lane change, and not linear
 
 
@@ -141,7 +142,12 @@ def over_topics(gains: np.ndarray, torque: float, steps: int) -> np.ndarray:
 
     node.create_subscription(Odometry, 'odom', answer, 10)
     while len(offsets) <= steps:
-        rclpy.spin_once(node)
+        known = len(offsets)
+        rclpy.spin_once(node, timeout_sec=PATIENCE)
+        if len(offsets) == known == 0:
+            sys.exit(
+                f'no state on the topic odom within {PATIENCE:g} s: start the simulator as the head of this file says'
+            )
     rclpy.shutdown()
     return np.array([*offsets.values()])
 
