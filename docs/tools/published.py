@@ -142,12 +142,18 @@ PRODUCTS: dict[str, Product] = {  # those that take seconds first
 
 @functools.cache
 def _imports(file: Path) -> tuple[Path, ...]:
-    """The files of this project that a file imports anywhere in it."""
+    """The files of this project that a file imports anywhere in it.
+
+    A string in the solver that is the name of a module is an import too: levels of detail are imported by their names.
+    """
     found: list[Path] = []
+    by_name = file.is_relative_to(ROOT / 'solver')
     for node in ast.walk(ast.parse(file.read_bytes())):
         names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         if isinstance(node, ast.ImportFrom) and node.module and not node.level:
             names = [node.module, *(f'{node.module}.{alias.name}' for alias in node.names)]
+        if by_name and isinstance(node, ast.Constant) and re.fullmatch(r'solver(\.\w+)+', str(node.value)):
+            names = [node.value]
         for name in names:
             found += filter(None, (_file(name),))
     return tuple(found)
