@@ -121,7 +121,7 @@ def _combine_fixed(tables, c, s0, s1, u, first, factorized, growing, unseen, spe
 
 
 @kernel(inline=True)
-def is_closed_by_the_end(tables, J_end, before, work):
+def _is_closed_by_the_end(tables, J_end, before, work):
     """True where an iteration that grows is next to a singular position, with constraints that are closed. before: the
     last increment.
 
@@ -177,7 +177,7 @@ def iterate_fixed(tables, c, s0, s1, u, cz, speed, work):
             break
         residual = increment
         grows = part == 1.0 and before > 0.0 and increment > max(STAGNATION * before, NEGLIGIBLE)
-        if grows and is_closed_by_the_end(tables, J_end, before, work):
+        if grows and _is_closed_by_the_end(tables, J_end, before, work):
             status = OK
             stagnated = 1
             break

@@ -10,7 +10,7 @@ import numpy as np
 from solver.compiled.kernel import YES, kernel
 from solver.model.saddle import solve_saddle
 from solver.output.snapshot import Counters
-from solver.step.augmentation import CONTRACTION, combine
+from solver.step.augmentation import CONTRACTION, combine, opposed
 from solver.step.iteration import (
     LARGEST_STAGNATION,
     STAGNATION,
@@ -22,7 +22,7 @@ from solver.step.iteration import (
     measured_increment,
     remaining,
 )
-from solver.step.iteration_fixed import NEGLIGIBLE, is_closed_by_the_end
+from solver.step.iteration_fixed import NEGLIGIBLE, SETTLED_SHARE
 from solver.step.stage import copy_rows
 from solver.step.work import NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 
@@ -31,15 +31,23 @@ CONTRACTION_TO_REUSE = 0.1
 
 
 @kernel(inner=True)
-def _balanced(tables, c, speed, work):
-    """True where the residuals are below the tolerance, as velocity over a step (momentum) and as displacement
-    (constraints)."""
-    limit = c.tolerance * speed
+def _closed(tables, c, limit, work):
+    """True where no residual of a constraint is above limit [m/s], as velocity over a step."""
     for i in range(work.phi_end.shape[0]):
         if not work.row_length[i] * abs(work.phi_end[i]) <= (
             limit * c.h if tables.constraints.holonomic[i] == 1 else limit
         ):
             return False
+    return True
+
+
+@kernel(inner=True)
+def _balanced(tables, c, speed, work):
+    """True where the residuals are below the tolerance, as velocity over a step (momentum) and as displacement
+    (constraints)."""
+    limit = c.tolerance * speed
+    if not _closed(tables, c, limit, work):
+        return False
     for b in range(tables.bodies.mass.shape[0]):
         for i in range(3):
             if not abs(work.r[b, i]) * tables.penalty_inverse_mass[b] * c.h <= limit:
@@ -80,7 +88,9 @@ def iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work):
     refactor: np.bool_ | bool = YES
     share, smallest = CONTRACTION * CONTRACTION, CONTRACTION * c.tolerance * speed / (c.gamma * c.h)
     # Next to a singular position the first iterate that is closed by the end is held until another gains a digit on it:
-    # the least increment of those that follow may be that of one thrown along the direction that is hardly seen.
+    # the least increment of those that follow may be that of one thrown along the direction that is hardly seen. Closed
+    # means that the increment which follows is not there to close it: with penalties below 1e3 and no combination an
+    # iterate is open by a part of each increment.
     best, held = np.inf, False
     begin_iterations(work)
     for it in range(c.iterations):
@@ -109,7 +119,12 @@ def iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work):
             status = NON_FINITE
             break
         gains = part < 1.0 or before == 0.0 or increment <= max(CONTRACTION_TO_REUSE * before, NEGLIGIBLE)
-        if refactor and not (held or gains) and is_closed_by_the_end(tables, J_end, before, work):
+        if (
+            refactor
+            and not (held or gains)
+            and _closed(tables, c, SETTLED_SHARE * increment * speed, work)
+            and opposed(tables, work.J_stage, J_end, work.dlam, work.r, work.f)
+        ):
             best, held = before, True
             keep_best(s1, work)
         add_increment(part, s1, work)

@@ -24,7 +24,8 @@ from scipy.spatial.transform import Rotation
 
 from mbd_sim_ros.lab.mechanisms.change_points import linkages
 from mbd_sim_ros.lab.mechanisms.families import drawn
-from mbd_sim_ros.lab.studies import crank
+from mbd_sim_ros.lab.studies import crank, slider_crank
+from mbd_sim_ros.lab.studies.crank_history import record
 from solver.analysis.verdict import findings
 from solver.files.scene import load_scene_text
 from solver.reference.dense import Equations
@@ -64,6 +65,15 @@ def test_every_phase_passes_every_singular_position_on_its_branch(
         allowed = crank.LIMITS[limits]
         assert run.position_error < crank.limit(allowed.position, h), f'slider from theta = {start:.6f}'
         assert run.energy_error < crank.limit(allowed.energy, h), f'energy from theta = {start:.6f}'
+
+
+@pytest.mark.parametrize('penalty', [100.0, 300.0, 1000.0])
+def test_small_penalties_without_a_combination_keep_their_branch(penalty: float) -> None:
+    """A tenth to the whole of the first penalty of the chapter, with its iteration: each iteration leaves a part of the
+    violation to the next, and an iterate that is still open is none to come back to."""
+    run = record(f'xi {penalty:g}', 5e-3, 20.0, {**slider_crank.COMMON, 'penalty': penalty})
+    assert run.kept_step, run.figures()
+    assert run.energy_error < crank.limit(crank.LIMITS['damped'].energy, run.h)
 
 
 FLAIL = """
