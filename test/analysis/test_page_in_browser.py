@@ -195,6 +195,13 @@ def test_what_a_page_would_fetch_is_forbidden_and_told(tmp_path: Path) -> None:
         opened(tmp_path / 'p.html', SIZES[0], 'new Image().src = "http://127.0.0.1:9/x.png"')
 
 
+def test_a_request_is_told_where_no_policy_forbids_it(tmp_path: Path) -> None:
+    (tmp_path / 'p.html').write_text('<!doctype html><title>x</title>')
+    script = 'await fetch("http://127.0.0.1:9/x", {mode: "no-cors"}).catch(() => 0)'
+    with pytest.raises(AssertionError, match=r"'url': 'http://127\.0\.0\.1:9/x'"):
+        opened(tmp_path / 'p.html', SIZES[0], script)
+
+
 @pytest.mark.long
 def test_a_minute_of_the_full_car_fits(tmp_path: Path) -> None:
     """Its motion and its channels, each in a page of at most 1.5 MB."""
