@@ -8,11 +8,13 @@ const make = (tag, text, parent, cls) => {
   if (parent) parent.appendChild(e);
   return e;
 };
-const floats = text => {
+// offset: what is added to each, in all digits
+const floats = (text, offset) => {
   if (text === null || text === undefined) return null;
   const raw = atob(text), bytes = new Uint8Array(raw.length);
   for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
-  return new Float32Array(bytes.buffer);
+  const values = new Float32Array(bytes.buffer);
+  return offset ? Float64Array.from(values, v => offset + v) : values;
 };
 const short = (v, n = 4) => v === null || v === undefined ? '' : typeof v === 'string' ? v :
   v === 0 ? '0' : Math.abs(v) >= 1e5 || Math.abs(v) < 1e-3 ? v.toExponential(Math.max(n - 2, 1)) : String(+v.toPrecision(n));
@@ -24,10 +26,10 @@ function ticks(low, high, count) {
   if (values.length < 2 && count < 20 && high > low) return ticks(low, high, 2 * Math.max(count, 1));
   const most = Math.max(...values.map(Math.abs), 0), fine = Math.floor(Math.log10(step) + 1e-9);
   if (most >= 1e5 || (most > 0 && most < 1e-3)) {
-    const order = Math.floor(Math.log10(most)), digits = Math.max(0, Math.min(8, order - fine));
+    const order = Math.floor(Math.log10(most)), digits = Math.max(0, Math.min(12, order - fine));
     return { values, texts: values.map(v => v === 0 ? '0' : (v / Math.pow(10, order)).toFixed(digits) + 'e' + order) };
   }
-  return { values, texts: values.map(v => v.toFixed(Math.max(0, Math.min(10, -fine)))) };
+  return { values, texts: values.map(v => v.toFixed(Math.max(0, Math.min(12, -fine)))) };
 }
 
 // a canvas as fine as the screen, empty: [context, width, height]

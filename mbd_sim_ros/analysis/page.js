@@ -14,12 +14,15 @@ const widthOf = c => c.width || (STYLES[c.style] || [0, 1.6])[1] || 1.6;
 const dashOf = c => c.dash !== undefined && c.dash !== null ? LINES[c.dash % 4] : (STYLES[c.style] || [])[2] || [];
 const isDots = c => c.style === 'points' || c.style === 'cloud' || Boolean(c.points);
 const charts = [];
+const FONT = '11.5px system-ui, sans-serif';  // of numbers at scales
+const pen = document.createElement('canvas').getContext('2d');
+const widest = (texts, font) => { pen.font = font; return Math.max(...texts.map(t => pen.measureText(t).width), 0); };
 
 class Chart {
   constructor(item, parent) {
     this.item = item;
     let x = null;  // curves over the same x have it once
-    this.curves = item.curves.map(c => { x = floats(c.x) || x; return { ...c, x, y: floats(c.y), high: floats(c.high), shown: c.shown !== false }; });
+    this.curves = item.curves.map(c => { x = floats(c.x) || x; return { ...c, x, y: floats(c.y, c.offset), high: floats(c.high, c.offset), shown: c.shown !== false }; });
     this.figure = make('figure', null, parent);
     const caption = make('figcaption', null, this.figure);
     make('b', item.title, caption);
@@ -61,7 +64,9 @@ class Chart {
     }
     if (this.item.zero) { low = Math.min(low, 0); high = Math.max(high, 0); }
     if (!(low <= high)) [low, high] = [-1, 1];
-    if (high - low <= 1e-6 * Math.max(Math.abs(low), Math.abs(high), 1e-12)) { const d = Math.max(0.01 * Math.abs(low), 1e-6); low -= d; high += d; }
+    // below this, the swing is the rounding of 32-bit floats, or that of a simulation where they have an offset
+    const rounded = shown.some(c => c.offset) ? 1e-10 : 1e-6;
+    if (high - low <= rounded * Math.max(Math.abs(low), Math.abs(high), 1e-12)) { const d = Math.max(0.01 * Math.abs(low), 1e-6); low -= d; high += d; }
     const pad = 0.06 * (high - low);
     this.box = [a, b, low - pad, high + pad];
     if (this.y) [this.box[2], this.box[3]] = this.y;
@@ -86,13 +91,13 @@ class Chart {
       if (c.style === 'band') c.line.style.borderTopWidth = '10px';
     }
     const limits = u => this.equalised(Math.max(u.bbox.width, 10) / devicePixelRatio, Math.max(u.bbox.height, 10) / devicePixelRatio);
-    const axis = (label, size) => ({ stroke: ink, grid: { stroke: faint, width: 1 }, ticks: { stroke: faint, width: 1 }, label, labelSize: 20, labelFont: '12px system-ui, sans-serif', font: '11.5px system-ui, sans-serif', size,
+    const axis = (label, size) => ({ stroke: ink, grid: { stroke: faint, width: 1 }, ticks: { stroke: faint, width: 1 }, label, labelSize: 20, labelFont: '12px system-ui, sans-serif', font: FONT, size,
       splits: (u, i, low, high, step) => ticks(low, high, (i ? u.bbox.height / 34 : u.bbox.width / 84) / devicePixelRatio).values,
       values: (u, at, i) => { const t = ticks(i ? u.scales.y.min : u.scales.x.min, i ? u.scales.y.max : u.scales.x.max, (i ? u.bbox.height / 34 : u.bbox.width / 84) / devicePixelRatio); return t.texts; } });
     this.u = new uPlot({
       mode: 2, width: W, height: H, legend: { show: false }, padding: [8, 10, 0, 0],
       scales: { x: { time: false, auto: false, range: u => limits(u).slice(0, 2) }, y: { time: false, auto: false, range: u => limits(u).slice(2) } },
-      axes: [axis(this.item.x, 34), axis(this.item.y, 60)],
+      axes: [axis(this.item.x, 34), axis(this.item.y, (u, texts) => Math.max(60, 18 + Math.ceil(widest(texts || [], FONT))))],  // 18: mark, gap, rest
       cursor: { points: { show: false }, dataIdx: () => null, drag: { x: true, y: true, uni: 24, setScale: false }, bind: { dblclick: () => () => show(this, null) } },
       series: [null, ...this.curves.map(c => ({ facets: [{ scale: 'x', auto: false }, { scale: 'y', auto: false }], points: { show: false }, show: true,
         stroke: () => colourOf(c), fill: () => colourOf(c), width: c.style === 'band' ? 0 : widthOf(c), dash: dashOf(c), paths: u => this.path(u, c) }))],
@@ -150,6 +155,7 @@ class Chart {
   tell(u) {
     if (u.cursor.left < 0) { this.read.textContent = ''; return; }
     const x = u.posToVal(u.cursor.left, 'x'), y = u.posToVal(u.cursor.top, 'y'), parts = [];
+    const { min, max } = u.scales.y, digits = Math.max(5, Math.min(14, Math.ceil(3 + Math.log10(Math.max(Math.abs(min), Math.abs(max)) / (max - min)))));
     for (const c of this.curves) {
       if (!c.shown || c.high || !c.x.length || c.style === 'limit') continue;
       if (c.rising === undefined) c.rising = c.x.every((v, i) => !i || v >= c.x[i - 1]);
@@ -158,12 +164,12 @@ class Chart {
         let high = c.x.length - 1;
         while (k < high) { const m = (k + high) >> 1; if (c.x[m] < x) k = m + 1; else high = m; }
         if (k > 0 && x - c.x[k - 1] < c.x[k] - x) k--;
-        parts.push((c.name ? c.name + ' ' : '') + short(c.y[k], 5));
+        parts.push((c.name ? c.name + ' ' : '') + short(c.y[k], digits));
       } else {
         let best = Infinity;
         const sx = u.scales.x.max - u.scales.x.min, sy = u.scales.y.max - u.scales.y.min;
         for (let i = 0; i < c.x.length; i++) { const d = ((c.x[i] - x) / sx) ** 2 + ((c.y[i] - y) / sy) ** 2; if (d < best) { best = d; k = i; } }
-        parts.push((c.name ? c.name + ' ' : '') + '(' + short(c.x[k], 5) + ', ' + short(c.y[k], 5) + ')');
+        parts.push((c.name ? c.name + ' ' : '') + '(' + short(c.x[k], 5) + ', ' + short(c.y[k], digits) + ')');
       }
     }
     this.read.textContent = this.item.x.replace(/ \[.*/, '') + ' ' + short(x + (this.item.origin || 0), 7) + '   ' + parts.slice(0, 8).join('   ');
@@ -171,8 +177,10 @@ class Chart {
   // all that is seen, as lines and texts of a picture of 720 to 360 points
   picture() {
     const w = 720, legend = this.curves.filter(c => c.shown && c.name).length > 1, h = this.item.equal ? 540 : 360;
-    const m = { left: 66, right: w - 14, top: 26 + (legend ? 18 : 0), bottom: h - 42 }, out = [];
     this.range();
+    const m = { left: 66, right: w - 14, top: 26 + (legend ? 18 : 0), bottom: h - 42 }, out = [];
+    const seen = this.equalised(m.right - m.left, m.bottom - m.top), numbers = ticks(seen[2], seen[3], (m.bottom - m.top) / 34).texts;
+    m.left = Math.max(66, 30 + Math.ceil(widest(numbers, '10px Helvetica, Arial, sans-serif')));
     const [a, b, lo, hi] = this.equalised(m.right - m.left, m.bottom - m.top), clip = { x: m.left, y: m.top, w: m.right - m.left, h: m.bottom - m.top };
     const X = v => m.left + (v - a) / (b - a) * clip.w, Y = v => m.bottom - (v - lo) / (hi - lo) * clip.h, x = ticks(a, b, clip.w / 80), y = ticks(lo, hi, clip.h / 34);
     for (const v of x.values) out.push({ line: [[X(v), m.top], [X(v), m.bottom]], colour: '#e4e6ea', width: 0.6 });
@@ -309,7 +317,7 @@ function channels(block, parent) {
     if (on && !shown.has(name)) {
       const c = block.channels[name];
       shown.set(name, chart({ title: name, x: 'time [s]', y: c.label, linked: 'time', origin: block.origin || 0,
-        curves: c.runs.map((r, i) => r && { name: block.runs.length > 1 ? block.runs[i] : '', style: 'run', colour: block.runs.length > 1 ? i : 1, x: r[0], y: r[1] }).filter(Boolean) }, grid));
+        curves: c.runs.map((r, i) => r && { name: block.runs.length > 1 ? block.runs[i] : '', style: 'run', colour: block.runs.length > 1 ? i : 1, x: r[0], y: r[1], offset: r[2] }).filter(Boolean) }, grid));
     } else if (!on && shown.has(name)) {
       const c = shown.get(name);
       c.figure.remove(); charts.splice(charts.indexOf(c), 1); shown.delete(name);

@@ -213,6 +213,34 @@ def test_a_minute_of_the_full_car_fits(tmp_path: Path) -> None:
         assert (tmp_path / f'{name}.html').stat().st_size <= MOST
 
 
+@pytest.mark.parametrize(
+    ('middle', 'swing'), [(5e5, 1e-3), (-2.5e6, 0.5), (4286.0, 0.1), (1.0, 1e-9), (3e-7, 1e-12), (0.0, 2.0), (9.5, 0.0)]
+)
+def test_small_swings_are_drawn_without_stairs_and_their_numbers_stand_clear(
+    middle: float, swing: float, tmp_path: Path
+) -> None:
+    """Values in the page are within a rounding of a 32-bit float of the swing, and one of a 64-bit float of the value;
+    numbers at the scale differ from each other, and have their place between label (20 pixels), gap and mark (15)."""
+    t = np.arange(201) * 0.01
+    y = middle + swing * np.sin(9.0 * t)
+    found = run(n=201, total=lambda t: middle + swing * np.sin(9.0 * t))
+    pages.Page(title='x', blocks=run_page.channels([found], ['run'])).write(tmp_path / 'p.html')
+    probe = """(() => { document.body.insertAdjacentHTML('beforeend', page.svgOf(page.charts[0].picture()));
+        const { u, curves } = page.charts[0], g = document.createElement('canvas').getContext('2d'); g.font = '11.5px system-ui, sans-serif';
+        const texts = u.axes[1]._values, wide = Math.max(...texts.map(v => g.measureText(v).width));
+        return { y: Array.from(curves[0].y), texts, free: u.bbox.left / devicePixelRatio - 35 - wide, range: [u.scales.y.min, u.scales.y.max],
+            saved: Math.min(...Array.from(document.querySelectorAll('body > svg [text-anchor=end]'), e => e.getBBox().x)) }; })()"""  # noqa: E501
+    for size in SIZES:
+        seen = opened(tmp_path / 'p.html', size, probe, ready='page.charts.some(c => c.u)')
+        y_seen = np.array(seen['y'])
+        assert np.abs(y_seen - y).max() <= 2.0**-23 * swing + 2.0**-52 * abs(middle)
+        assert len({*seen['texts']}) == len(seen['texts']) >= 2
+        assert seen['free'] >= 0.0
+        if swing:
+            assert swing < seen['range'][1] - seen['range'][0] < 3.0 * swing
+        assert seen['saved'] >= 17.0  # where the label ends in the picture that is saved
+
+
 def test_cells_keep_to_their_columns_and_numbers_stand_below_numbers(tmp_path: Path) -> None:
     """A name without a gap ends in its column; a number among values with units stands as they do, to the left."""
     name = 'element_states/upper_front_link_of_the_rear_axle_right_inner_bushing/energy'
