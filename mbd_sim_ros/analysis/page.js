@@ -1,3 +1,5 @@
+// What draws the blocks of every page: charts, pictures of bars and cells, tables, a picker of channels. One file of more
+// than 400 lines, for its parts stand in one scope on a page and none is of use without the others.
 document.documentElement.dataset.theme = matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light';
 const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const save = (name, type, text) => {
@@ -13,6 +15,20 @@ const colourOf = c => css(c.colour === undefined || c.colour === null ? (STYLES[
 const widthOf = c => c.width || (STYLES[c.style] || [0, 1.6])[1] || 1.6;
 const dashOf = c => c.dash !== undefined && c.dash !== null ? LINES[c.dash % 4] : (STYLES[c.style] || [])[2] || [];
 const isDots = c => c.style === 'points' || c.style === 'cloud' || Boolean(c.points);
+// what is found in the light theme, for pictures that are saved
+const light = c => { const theme = document.documentElement.dataset.theme; document.documentElement.dataset.theme = 'light'; const found = c(); document.documentElement.dataset.theme = theme; return found; };
+// about so many round values of a scale in decades, and what to write at them; low, high, values: their logarithms
+function decades(low, high, count) {
+  for (const of of [[1, 2, 5], [1, 3], [1]]) {
+    const values = [];
+    for (let e = Math.floor(low); e <= high; e++) for (const m of of) { const v = e + Math.log10(m); if (v >= low - 1e-9 && v <= high + 1e-9) values.push(v); }
+    if (values.length < 2) break;
+    const each = of.length > 1 ? 1 : Math.ceil(values.length / Math.max(count, 2)), kept = values.filter((_, k) => k % each === 0);
+    if (kept.length <= Math.max(count, 2)) return { values: kept, texts: kept.map(v => short(+Math.pow(10, v).toPrecision(1))) };
+  }
+  const { values, texts } = ticks(Math.pow(10, low), Math.pow(10, high), count);  // less than a decade
+  return { values: values.map(Math.log10), texts };
+}
 const charts = [];
 const FONT = '11.5px system-ui, sans-serif';  // of numbers at scales
 const pen = document.createElement('canvas').getContext('2d');
@@ -23,6 +39,7 @@ class Chart {
     this.item = item;
     let x = null;  // curves over the same x have it once
     this.curves = item.curves.map(c => { x = floats(c.x) || x; return { ...c, x, y: floats(c.y, c.offset), high: floats(c.high, c.offset), shown: c.shown !== false }; });
+    if (item.log) for (const c of this.curves) { c.x = Array.from(c.x, Math.log10); c.y = Array.from(c.y, Math.log10); }
     this.figure = make('figure', null, parent);
     const caption = make('figcaption', null, this.figure);
     make('b', item.title, caption);
@@ -91,9 +108,9 @@ class Chart {
       if (c.style === 'band') c.line.style.borderTopWidth = '10px';
     }
     const limits = u => this.equalised(Math.max(u.bbox.width, 10) / devicePixelRatio, Math.max(u.bbox.height, 10) / devicePixelRatio);
-    const axis = (label, size) => ({ stroke: ink, grid: { stroke: faint, width: 1 }, ticks: { stroke: faint, width: 1 }, label, labelSize: 20, labelFont: '12px system-ui, sans-serif', font: FONT, size,
-      splits: (u, i, low, high, step) => ticks(low, high, (i ? u.bbox.height / 34 : u.bbox.width / 84) / devicePixelRatio).values,
-      values: (u, at, i) => { const t = ticks(i ? u.scales.y.min : u.scales.x.min, i ? u.scales.y.max : u.scales.x.max, (i ? u.bbox.height / 34 : u.bbox.width / 84) / devicePixelRatio); return t.texts; } });
+    const scale = this.item.log ? decades : ticks, axis = (label, size) => ({ stroke: ink, grid: { stroke: faint, width: 1 }, ticks: { stroke: faint, width: 1 }, label, labelSize: 20, labelFont: '12px system-ui, sans-serif', font: FONT, size,
+      splits: (u, i, low, high, step) => scale(low, high, (i ? u.bbox.height / 34 : u.bbox.width / 84) / devicePixelRatio).values,
+      values: (u, at, i) => { const t = scale(i ? u.scales.y.min : u.scales.x.min, i ? u.scales.y.max : u.scales.x.max, (i ? u.bbox.height / 34 : u.bbox.width / 84) / devicePixelRatio); return t.texts; } });
     this.u = new uPlot({
       mode: 2, width: W, height: H, legend: { show: false }, padding: [8, 10, 0, 0],
       scales: { x: { time: false, auto: false, range: u => limits(u).slice(0, 2) }, y: { time: false, auto: false, range: u => limits(u).slice(2) } },
@@ -156,6 +173,13 @@ class Chart {
     if (u.cursor.left < 0) { this.read.textContent = ''; return; }
     const x = u.posToVal(u.cursor.left, 'x'), y = u.posToVal(u.cursor.top, 'y'), parts = [];
     const { min, max } = u.scales.y, digits = Math.max(5, Math.min(14, Math.ceil(3 + Math.log10(Math.max(Math.abs(min), Math.abs(max)) / (max - min)))));
+    const labelled = this.curves.filter(c => c.shown && c.labels);
+    if (labelled.length) {  // the point next to the pointer, with its label
+      let best = Infinity, text = '';
+      for (const c of labelled) c.labels.forEach((label, k) => { const d = Math.hypot(u.valToPos(c.x[k], 'x') - u.cursor.left, u.valToPos(c.y[k], 'y') - u.cursor.top); if (d < best) { best = d; text = label; } });
+      this.read.textContent = text;
+      return;
+    }
     for (const c of this.curves) {
       if (!c.shown || c.high || !c.x.length || c.style === 'limit') continue;
       if (c.rising === undefined) c.rising = c.x.every((v, i) => !i || v >= c.x[i - 1]);
@@ -179,13 +203,12 @@ class Chart {
     const w = 720, legend = this.curves.filter(c => c.shown && c.name).length > 1, h = this.item.equal ? 540 : 360;
     this.range();
     const m = { left: 66, right: w - 14, top: 26 + (legend ? 18 : 0), bottom: h - 42 }, out = [];
-    const seen = this.equalised(m.right - m.left, m.bottom - m.top), numbers = ticks(seen[2], seen[3], (m.bottom - m.top) / 34).texts;
+    const seen = this.equalised(m.right - m.left, m.bottom - m.top), scale = this.item.log ? decades : ticks, numbers = scale(seen[2], seen[3], (m.bottom - m.top) / 34).texts;
     m.left = Math.max(66, 30 + Math.ceil(widest(numbers, '10px Helvetica, Arial, sans-serif')));
     const [a, b, lo, hi] = this.equalised(m.right - m.left, m.bottom - m.top), clip = { x: m.left, y: m.top, w: m.right - m.left, h: m.bottom - m.top };
-    const X = v => m.left + (v - a) / (b - a) * clip.w, Y = v => m.bottom - (v - lo) / (hi - lo) * clip.h, x = ticks(a, b, clip.w / 80), y = ticks(lo, hi, clip.h / 34);
+    const X = v => m.left + (v - a) / (b - a) * clip.w, Y = v => m.bottom - (v - lo) / (hi - lo) * clip.h, x = scale(a, b, clip.w / 80), y = scale(lo, hi, clip.h / 34);
     for (const v of x.values) out.push({ line: [[X(v), m.top], [X(v), m.bottom]], colour: '#e4e6ea', width: 0.6 });
     for (const v of y.values) out.push({ line: [[m.left, Y(v)], [m.right, Y(v)]], colour: '#e4e6ea', width: 0.6 });
-    const light = c => { const theme = document.documentElement.dataset.theme; document.documentElement.dataset.theme = 'light'; const found = c(); document.documentElement.dataset.theme = theme; return found; };
     for (const c of this.curves) {
       if (!c.shown) continue;
       const colour = c.style === 'band' ? '#cfe2f0' : light(() => colourOf(c));
@@ -215,17 +238,17 @@ class Chart {
 
 const escaped = text => text.replace(/[&<>"]/g, c => ({ '&': '&amp;', '<': '&lt;', '>': '&gt;', '"': '&quot;' })[c]);
 const two = v => String(Math.round(100 * v) / 100);
-function svgOf({ w, h, parts }) {
+function svgOf({ w, h, parts, paper = '#fff', ink = '#000' }) {
   const clips = [], lines = [], at = points => points.map(p => two(p[0]) + ',' + two(p[1])).join(' ');
   for (const p of parts) {
     let clip = '';
     if (p.clip) { if (!clips.length) clips.push(`<clipPath id="c"><rect x="${p.clip.x}" y="${p.clip.y}" width="${p.clip.w}" height="${p.clip.h}"/></clipPath>`); clip = ' clip-path="url(#c)"'; }
     if (p.line) lines.push(`<polyline points="${at(p.line)}" fill="none" stroke="${p.colour}" stroke-width="${p.width}"${p.dash && p.dash.length ? ` stroke-dasharray="${p.dash.join(' ')}"` : ''}${clip}/>`);
-    else if (p.area) lines.push(`<polygon points="${at(p.area)}" fill="${p.colour}"${clip}/>`);
+    else if (p.area) lines.push(`<polygon points="${at(p.area)}" fill="${p.colour}"${p.i === undefined ? '' : ` data-i="${p.i}"`}${clip}/>`);
     else if (p.dot) lines.push(`<circle cx="${two(p.dot[0])}" cy="${two(p.dot[1])}" r="${p.r}" fill="${p.colour}"/>`);
-    else lines.push(`<text x="${two(p.at[0])}" y="${two(p.at[1])}" font-size="${p.size}" text-anchor="${p.anchor}"${p.bold ? ' font-weight="bold"' : ''}${p.turned ? ` transform="rotate(-90 ${two(p.at[0])} ${two(p.at[1])})"` : ''}>${escaped(p.text)}</text>`);
+    else lines.push(`<text x="${two(p.at[0])}" y="${two(p.at[1])}" font-size="${p.size}" text-anchor="${p.anchor}"${p.colour ? ` fill="${p.colour}" pointer-events="none"` : ''}${p.bold ? ' font-weight="bold"' : ''}${p.turned ? ` transform="rotate(-90 ${two(p.at[0])} ${two(p.at[1])})"` : ''}>${escaped(p.text)}</text>`);
   }
-  return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${w} ${h}" width="${w}" height="${h}" font-family="Helvetica, Arial, sans-serif"><defs>${clips.join('')}</defs><rect width="${w}" height="${h}" fill="#fff"/>${lines.join('\n')}</svg>\n`;
+  return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${w} ${h}" width="${w}" height="${h}" fill="${ink}" font-family="Helvetica, Arial, sans-serif"><defs>${clips.join('')}</defs><rect width="${w}" height="${h}" fill="${paper}"/>${lines.join('\n')}</svg>\n`;
 }
 // widths of Helvetica, in thousandths of its size: what texts are centred by
 const WIDE = { ' ': 278, '.': 278, ',': 278, ':': 278, '-': 333, '(': 333, ')': 333, '[': 278, ']': 278, '/': 278, i: 222, l: 222, j: 222, t: 278, f: 278, r: 333, m: 833, w: 722, I: 278 };
@@ -243,7 +266,7 @@ function pdfOf({ w, h, parts }) {
     else {
       const width = p.size * Array.from(p.text).reduce((s, c) => s + (WIDE[c] || 556), 0) / 1000, back = p.anchor === 'middle' ? 0.5 * width : p.anchor === 'end' ? width : 0;
       const [tx, ty] = p.at, place = p.turned ? `0 1 -1 0 ${two(tx)} ${two(h - ty - back)}` : `1 0 0 1 ${two(tx - back)} ${y(ty)}`;
-      paint.push(`BT 0.11 0.14 0.19 rg /${p.bold ? 'B' : 'F'} ${p.size} Tf ${place} Tm ${text(p.text)} Tj ET`);
+      paint.push(`BT ${p.colour ? rgb(p.colour) : '0.11 0.14 0.19'} rg /${p.bold ? 'B' : 'F'} ${p.size} Tf ${place} Tm ${text(p.text)} Tj ET`);
     }
     paint.push('Q');
   }
@@ -254,6 +277,76 @@ function pdfOf({ w, h, parts }) {
   let out = '%PDF-1.4\n';
   const places = objects.map((o, i) => { const at = out.length; out += `${i + 1} 0 obj\n${o}\nendobj\n`; return at; }), begin = out.length;
   return out + `xref\n0 ${objects.length + 1}\n0000000000 65535 f \n${places.map(at => String(at).padStart(10, '0') + ' 00000 n \n').join('')}trailer\n<< /Size ${objects.length + 1} /Root 1 0 R >>\nstartxref\n${begin}\n%%EOF\n`;
+}
+
+// a picture of bars or cells as wide as its place; what lies under the pointer is said below. parts(w): of a picture
+// of that width, in colours of the theme
+function drawing(b, parent, parts, series = []) {
+  const figure = make('figure', null, parent), caption = make('figcaption', null, figure), name = fileName(b.title);
+  make('b', b.title, caption);
+  if (b.note) make('span', b.note, caption, 'soft');
+  const tools = make('span', null, caption, 'tools'), keys = make('div', null, figure, 'keys'), plot = make('div', null, figure, 'drawn'), read = make('div', '', figure, 'read');
+  make('button', 'SVG', tools).onclick = () => save(name + '.svg', 'image/svg+xml', svgOf(light(() => parts(720))));
+  make('button', 'PDF', tools).onclick = () => save(name + '.pdf', 'application/pdf', pdfOf(light(() => parts(720))));
+  plot.setAttribute('role', 'img');
+  plot.setAttribute('aria-label', b.title);
+  const build = () => { plot.innerHTML = svgOf({ ...parts(Math.max(plot.clientWidth, 280)), paper: 'none', ink: css('--ink') }); for (const s of series) s.line.style.borderTopColor = css(s.colour); };
+  for (const s of series) {
+    const label = make('label', null, keys), box = make('input', null, label);
+    s.line = make('i', null, label);
+    s.line.style.borderTopWidth = '10px';
+    box.type = 'checkbox'; box.checked = s.shown = true;
+    box.onchange = () => { s.shown = box.checked; build(); };
+    make('span', s.name, label);
+  }
+  plot.onpointermove = plot.onpointerdown = event => { const i = event.target.dataset.i; read.textContent = i === undefined ? '' : b.says[i]; };
+  new ResizeObserver(build).observe(plot);
+  document.addEventListener('theme', build);
+  build();
+}
+const corners = (x, y, w, h) => [[x, y], [x + w, y], [x + w, y + h], [x, y + h]];
+const cut = (text, width) => { while (text.length > 3 && widest([text], FONT) > width) text = text.slice(0, -3).trimEnd() + '..'; return text; };
+// bars of rows, a series behind the other; a limit is a line across
+function bars(b, parent) {
+  drawing(b, parent, w => {
+    const n = b.names.length, row = n > 20 ? 16 : 26, left = Math.min(widest(b.names, FONT) + 12, 0.4 * w), right = w - 18, top = 4, bottom = top + n * row, out = [];
+    const all = b.names.map((_, k) => b.series.reduce((sum, s) => sum + (s.shown ? s.values[k] || 0 : 0), 0));
+    const most = 1.05 * Math.max(...all, b.limit || 0, 1e-12), X = v => left + v / most * (right - left), { values, texts } = ticks(0, most, (right - left) / 84);
+    for (const v of values) out.push({ line: [[X(v), top], [X(v), bottom]], colour: css('--line'), width: 0.6 });
+    b.names.forEach((name, k) => {
+      let from = 0;
+      b.series.forEach((s, i) => {
+        if (!s.shown || !s.values[k]) return;
+        out.push({ area: corners(X(from), top + (k + 0.14) * row, X(s.values[k]) - X(0), 0.72 * row), colour: css(s.colour), i: k * b.series.length + i });
+        from += s.values[k];
+      });
+      out.push({ text: cut(name, left - 12), at: [left - 7, top + (k + 0.5) * row + 4], anchor: 'end', size: 11 });
+    });
+    out.push({ line: [[left, top], [left, bottom], [right, bottom]], colour: css('--other'), width: 0.8 });
+    if (b.limit) out.push({ line: [[X(b.limit), top], [X(b.limit), bottom]], colour: css('--ink'), width: 1.4, dash: [6, 4] });
+    values.forEach((v, i) => out.push({ text: texts[i], at: [X(v), bottom + 15], anchor: 'middle', size: 11 }));
+    out.push({ text: b.x, at: [0.5 * (left + right), bottom + 33], anchor: 'middle', size: 11 });
+    return { w, h: bottom + 40, parts: out };
+  }, b.series);
+}
+// cells of rows and columns, the darker the larger on a scale in decades between two values; null: not known
+function cells(b, parent) {
+  const [low, high] = b.between.map(Math.log10), hex = c => [1, 3, 5].map(k => parseInt(c.slice(k, k + 2), 16));
+  drawing(b, parent, w => {
+    const left = Math.min(widest(b.rows, FONT) + 12, 0.4 * w), step = Math.min((w - left - 4) / b.columns.length, 90), row = 26, top = 4, bottom = top + b.rows.length * row, out = [];
+    const paper = hex(css('--card')), full = hex(css('--c1')), bright = c => 0.299 * c[0] + 0.587 * c[1] + 0.114 * c[2] > 140;
+    b.rows.forEach((name, k) => {
+      out.push({ text: cut(name, left - 12), at: [left - 7, top + (k + 0.5) * row + 4], anchor: 'end', size: 11 });
+      b.values[k].forEach((v, i) => {
+        const part = v === null ? 0 : Math.max(0, Math.min(1, (Math.log10(Math.max(v, 1e-300)) - low) / (high - low))), colour = paper.map((p, j) => Math.round(p + part * (full[j] - p)));
+        out.push({ area: corners(left + i * step + 0.5, top + k * row + 0.5, step - 1, row - 1), colour: '#' + colour.map(c => c.toString(16).padStart(2, '0')).join(''), i: k * b.columns.length + i });
+        const text = v === null ? '-' : v < 1e-6 ? '0' : v < 10 ? short(+v.toPrecision(1)) : v.toFixed(0);
+        if (widest([text], '10px Helvetica, Arial, sans-serif') < step - 2) out.push({ text, at: [left + (i + 0.5) * step, top + (k + 0.5) * row + 4], anchor: 'middle', size: 10, colour: bright(colour) ? '#111111' : '#ffffff' });
+      });
+    });
+    b.columns.forEach((name, i) => out.push({ text: name, at: [left + (i + 0.5) * step + 4, bottom + 6], anchor: 'end', size: 11, turned: true }));
+    return { w, h: bottom + 14 + Math.ceil(widest(b.columns, FONT)), parts: out };
+  });
 }
 
 // bytes of a text in base64, inflated
@@ -347,7 +440,7 @@ function inline(text, parent) {
 const kinds = {
   heading: (b, parent) => { make(b.level > 2 ? 'h3' : 'h2', b.text, parent).id = b.id || ''; },
   text: (b, parent) => { for (const line of b.lines) inline(line, make('p', null, parent, b.soft ? 'soft' : '')); },
-  table, channels,
+  table, channels, bars, cells,
   charts: (b, parent) => { const grid = make('div', null, parent, 'charts' + (b.wide ? ' wide' : '')); for (const item of b.charts) chart(item, grid); },
   picture: (b, parent) => {
     const figure = make('figure', null, parent), caption = make('figcaption', null, figure), tools = make('span', null, caption, 'tools');

@@ -6,15 +6,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from mbd_sim_ros.analysis import pages
 from mbd_sim_ros.analysis.pages import Block, Page
-from mbd_sim_ros.analysis.plots import FIRST, GREY, SECOND, STYLE
 from mbd_sim_ros.analysis.provenance import facts_of_scene
 from solver.errors import MbdError
 from solver.scene import Scene
@@ -26,7 +21,9 @@ from solver.trade.search import Search
 from solver.trade.variations import AS_GIVEN
 from solver.units import shown
 
-PARTS = {'model': '#1b6ca8', 'step': '#d95f02', 'iteration': '#2a9d5c', 'reference': '#7f7f7f'}
+PARTS = {'model': '--c1', 'step': '--c0', 'iteration': '--c2', 'reference': '--other'}  # colours of page.css
+COLOURS = (1, 0, 2, 3)  # of levels
+LIMIT = '% of the limit'
 CURVES = 6
 
 
@@ -44,21 +41,20 @@ def write_page(search: Search, data: dict[str, Any], file: Path, scene: Scene) -
                 f' The errors themselves use up to {error:.0f} % of a limit; {free:.0f} % leave a margin for other '
                 'maneuvers.'
             )
-        parts = pages.picture('errors', _origins(data), 'Errors by origin, in % of their limits')
-        blocks += [pages.heading('Errors by origin'), parts, pages.table(error_rows(data)), pages.text(text)]
+        blocks += [pages.heading('Errors by origin'), _origins(data), pages.table(error_rows(data)), pages.text(text)]
     if chosen is not None:
         blocks += [pages.heading('Curves on the maneuver of the scene'), *_curves(search, chosen)]
     if search.tried:
         blocks += [
             pages.heading('What was tried'),
-            pages.picture('tried', _tried(search, chosen), 'Share of the limit that the largest bound uses, and cost'),
-            pages.text('Dots keep everything; crosses below the line have errors that leave no margin.'),
+            _tried(search, chosen),
+            pages.text('Large dots keep everything; small ones below the line have errors that leave no margin.'),
         ]
     blocks += [pages.heading('Levels of detail'), pages.table([('level', ''), *data['levels'].items()])]
     if any(i.errors for i in search.influences):
         blocks += [
             pages.heading('Which subsystem matters for which output'),
-            pages.picture('influences', _influences(search), 'RMS change of each output, in % of its peak'),
+            _influences(search),
             pages.text(
                 'The change when the subsystem alone is left out of the chosen level; beside it what a step then '
                 'costs. Subsystems that save nothing are not shown.'
@@ -68,7 +64,7 @@ def write_page(search: Search, data: dict[str, Any], file: Path, scene: Scene) -
         ranges = ', '.join(f'{name} from {low:g} to {high:g}' for name, (low, high) in data['unseen']['ranges'].items())
         blocks += [
             pages.heading('Maneuvers that had no part in the choice'),
-            pages.picture('checks', _checks(data), 'Largest error of each, in % of its limit'),
+            _checks(data),
             *([pages.text(f'Within these ranges, as factors on what the scene has: {ranges}.')] if ranges else []),
             pages.table(_check_rows(data)),
         ]
@@ -138,14 +134,6 @@ def shows(data: dict[str, Any]) -> str:
     return f'{run["recorded"]:.3g} times real time, recording included; {run["unrecorded"]:.3g} with --no-record'
 
 
-def new_figure(width: float, height: float, rows_: int = 1, columns: int = 1) -> tuple[Figure, Any]:
-    """(figure, axes (rows, columns))."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(width, height), layout='constrained')
-        FigureCanvasAgg(figure)
-        return figure, figure.subplots(rows_, columns, squeeze=False)
-
-
 def error_rows(data: dict[str, Any]) -> list[tuple[str, ...]]:
     """The errors of a plan by origin, with their units, as a table whose first row is its head."""
     names = (*ORIGINS, 'sum', 'limit')
@@ -167,29 +155,22 @@ def _check_rows(data: dict[str, Any]) -> list[tuple[str, ...]]:
     return found
 
 
-def _origins(data: dict[str, Any]) -> Figure:
+def _origins(data: dict[str, Any]) -> Block:
     """Stacked bars of the parts of each error, in % of its limit."""
     errors = [(f'{q} {m}', e) for q, measures in data['errors'].items() for m, e in measures.items()]
-    figure, axes = new_figure(9.0, 1.1 + 0.42 * len(errors))
-    ax = axes[0, 0]
-    left = np.zeros(len(errors))
-    for origin, colour in PARTS.items():
-        width = np.array([100.0 * (e[origin] or 0.0) / e['limit'] for _, e in errors])
-        ax.barh(range(len(errors)), width, left=left, color=colour, label=origin)
-        left += width
-    ax.set_axisbelow(True)
-    ax.axvline(100.0, color='black', lw=1.2)
-    ax.set_yticks(range(len(errors)), [name for name, _ in errors])
-    ax.invert_yaxis()
-    ax.set_xlabel('% of the limit')
-    ax.legend(
-        fontsize=8,
-        ncols=4,
-        loc='upper center',
-        bbox_to_anchor=(0.5, 1.0 + 0.5 / (0.5 + 0.42 * len(errors))),
-        frameon=False,
-    )
-    return figure
+    series = [
+        {'name': origin, 'colour': colour, 'values': [100.0 * (e[origin] or 0.0) / e['limit'] for _, e in errors]}
+        for origin, colour in PARTS.items()
+    ]
+    texts = [dict(zip(ORIGINS, row[1:], strict=False)) for row in error_rows(data)[1:]]
+    says = [
+        f'{name}: {origin} {row[origin]}, {100.0 * (e[origin] or 0.0) / e["limit"]:.3g} % of the limit'
+        for (name, e), row in zip(errors, texts, strict=True)
+        for origin in PARTS
+    ]
+    names = [name for name, _ in errors]
+    title = 'errors by origin'
+    return {'kind': 'bars', 'title': title, 'x': LIMIT, 'names': names, 'series': series, 'says': says, 'limit': 100.0}
 
 
 def _curves(search: Search, chosen: Verdict) -> list[Block]:
@@ -214,79 +195,69 @@ def _curves(search: Search, chosen: Verdict) -> list[Block]:
     return [pages.charts(drawn)] if drawn else []
 
 
-def _tried(search: Search, chosen: Verdict | None) -> Figure:
-    figure, axes = new_figure(8.0, 4.4)
-    ax = axes[0, 0]
-    levels = list(dict.fromkeys(t.setting.level for t in search.tried))
-    colours = dict(zip(levels, ('#1b6ca8', '#d95f02', '#2a9d5c', '#8e44ad'), strict=False))
-    for level in levels:
-        points = [t for t in search.tried if t.setting.level == level and np.isfinite(t.used) and t.used > 0.0]
-        for kept, marker in ((True, 'o'), (False, 'x')):
-            some = [t for t in points if (not t.dropped) == kept]
-            label = level if kept else None
-            ax.scatter(
-                [1e3 * t.cost for t in some],
-                [t.used for t in some],
-                marker=marker,
-                color=colours[level],
-                s=26,
-                label=label,
+def _tried(search: Search, chosen: Verdict | None) -> Block:
+    """Share of a limit over cost of all that was tried, in decades; the chosen one has a larger dot behind it."""
+    points = [t for t in search.tried if np.isfinite(t.used) and t.used > 0.0 and t.cost > 0.0]
+    curves = []
+    if chosen is not None and chosen in points:
+        curves.append(pages.curve('chosen', *_places([chosen]), style='points', points=9.0, colour=7))
+    for k, level in enumerate(dict.fromkeys(t.setting.level for t in points)):
+        for kept, radius in ((True, 4.5), (False, 2.2)):
+            some = [t for t in points if t.setting.level == level and (not t.dropped) == kept]
+            if not some:
+                continue
+            name = level if kept else f'{level}, dropped'
+            labels = [
+                f'{t.setting}: {100.0 * t.used:.3g} % of the limit, {1e3 * t.cost:.3g} ms'
+                f'{f"; {t.dropped}" if t.dropped else ""}'
+                for t in some
+            ]
+            curves.append(
+                pages.curve(name, *_places(some), style='points', points=radius, colour=COLOURS[k], labels=labels)
             )
-    if chosen is not None and np.isfinite(chosen.used):
-        ax.scatter(
-            [1e3 * chosen.cost], [chosen.used], s=190, facecolor='none', edgecolor='black', lw=1.5, label='chosen'
-        )
-    ax.axhline(1.0, color='black', lw=1.2)
-    ax.set(
-        xscale='log',
-        yscale='log',
-        xlabel='expected cost [ms of CPU per simulated second]',
-        ylabel='largest share of a limit',
-    )
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(StrMethodFormatter('{x:g}'))
-        axis.set_minor_formatter(NullFormatter())
-    ax.legend(fontsize=8)
-    return figure
+    if points:
+        costs = [1e3 * t.cost for t in points]
+        ends = np.array([min(costs) / 1.5, max(costs) * 1.5])  # beyond all dots, and seen where there is one
+        curves.append(pages.curve('limit', ends, np.ones(2), style='limit'))
+    across, up = 'expected cost [ms of CPU per simulated second]', 'largest share of a limit'
+    return pages.charts([pages.chart('cost and error of what was tried', across, up, curves, log=True, tall=True)])
 
 
-def _influences(search: Search) -> Figure:
+def _places(some: list[Verdict]) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([1e3 * t.cost for t in some]), np.array([t.used for t in some])
+
+
+def _influences(search: Search) -> Block:
     names = search.shown
-    known = [i for i in search.influences if i.errors]
-    table = np.array([[100.0 * i.errors[n] for n in names] for i in known])
-    figure, axes = new_figure(3.2 + 0.62 * len(names), 1.9 + 0.34 * len(known))
-    ax = axes[0, 0]
-    ax.grid(False)
-    finite = np.where(np.isfinite(table), np.maximum(table, 1e-4), np.nan)
-    ax.imshow(np.log10(finite), cmap='Blues', aspect='auto', vmin=-3, vmax=2)
-    for i, row in enumerate(table):
-        for k, value in enumerate(row):
-            text = (
-                '-'
-                if not np.isfinite(value)
-                else '0'
-                if value < 1e-6
-                else f'{value:.1g}'
-                if value < 10.0
-                else f'{value:.0f}'
-            )
-            ax.text(k, i, text, ha='center', va='center', fontsize=8, color='white' if value > 3.0 else 'black')
-    ax.set_xticks(range(len(names)), names, rotation=45, ha='right', fontsize=8)
-    labels = [f'{i.subsystem}: step {100 * i.cost:.0f} %' for i in known]
-    ax.set_yticks(range(len(known)), labels, fontsize=8)
-    return figure
+    found = [i for i in search.influences if i.errors]
+    table = [[100.0 * i.errors[n] if np.isfinite(i.errors[n]) else None for n in names] for i in found]
+    rows = [f'{i.subsystem}: step {100 * i.cost:.0f} %' for i in found]
+    says = [
+        f'without {i.subsystem}, {name}: ' + ('not known' if v is None else f'{v:.3g} % of its peak')
+        for i, row in zip(found, table, strict=True)
+        for name, v in zip(names, row, strict=True)
+    ]
+    title = 'RMS change of each output, in % of its peak'
+    between = (1e-3, 100.0)
+    return {
+        'kind': 'cells', 'title': title, 'rows': rows, 'columns': list(names), 'values': table, 'between': between,
+        'says': says,
+    }  # fmt: skip
 
 
-def _checks(data: dict[str, Any]) -> Figure:
-    checks = data['checks']
-    figure, axes = new_figure(9.0, 2.6)
-    ax = axes[0, 0]
-    used = [100.0 * c['used'] if c['used'] is not None else 200.0 for c in checks]
-    ax.bar(range(1, len(used) + 1), used, color=[SECOND if u <= 100.0 else FIRST for u in used])
-    ax.set_axisbelow(True)
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set_xlim(0.4, len(used) + 0.6)
-    ax.axhline(100.0, color=GREY, lw=1.2)
-    ax.set(xlabel='maneuver', ylabel='largest error, % of its limit')
-    return figure
+def _checks(data: dict[str, Any]) -> Block:
+    """Bars of the errors on maneuvers that had no part in the choice; one without a number has a bar of twice its
+    limit."""
+    rows = _check_rows(data)[1:]
+    used = [100.0 * c['used'] if c['used'] is not None else 200.0 for c in data['checks']]
+    within = [u if u <= 100.0 else None for u in used]
+    beyond = [u if u > 100.0 else None for u in used]
+    says = [': '.join(filter(None, (row[1], row[2], row[3]))) for row in rows]
+    series = [
+        {'name': 'within the limit', 'colour': '--c1', 'values': within},
+        {'name': 'beyond, or failed', 'colour': '--c0', 'values': beyond},
+    ]
+    return {
+        'kind': 'bars', 'title': 'largest error of each maneuver', 'x': LIMIT, 'names': [row[0] for row in rows],
+        'series': series, 'says': [one for one in says for _ in series], 'limit': 100.0,
+    }  # fmt: skip

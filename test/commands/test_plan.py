@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from browser import blocks_of, data_of
 
 from mbd_sim_ros.analysis import plan_page
 from mbd_sim_ros.commands.main import main
@@ -40,9 +41,9 @@ def test_a_plan_is_written_and_fidelity_auto_takes_it(capsys, tmp_path: Path) ->
     assert data['status'] == 'ok'
     assert (data['unseen']['passed'], data['unseen']['failed']) == (2, 0)
     assert json.loads((tmp_path / 'certificate.json').read_text())['hash'] == data['hash']
-    page = (tmp_path / 'plan.html').read_text()
-    assert page.count('<img') >= 4
-    assert '<script' not in page
+    page = data_of(tmp_path / 'plan.html')
+    assert [len(b['names']) for b in blocks_of(page, 'bars')] == [1, 2]  # errors by origin, maneuvers it has not seen
+    assert [len(b['charts']) > 0 for b in blocks_of(page, 'charts')] == [True, True]  # curves, and what was tried
     code, found = document(capsys, 'info', *SCENE, *LIMIT, '--set', 'fidelity=auto', '--brief')
     assert code == 0
     assert (found['fidelity'], found['h']) == ('auto', data['settings']['integrator']['h'])
