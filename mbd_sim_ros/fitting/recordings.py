@@ -18,6 +18,7 @@ GAP = 0.25  # s without a sample of an input that ends a stretch; of ten times a
 STUCK = 2.0  # s for which a signal that otherwise changes keeps its value; ten times as much passes a sensor that froze
 POSE = ('x', 'y', 'yaw')  # of a motion capture: their rates are signals too
 SMOOTH = 0.08  # s: half width of the quadratic fits that differentiate a pose; ten times as much loses the motion
+AT_ONCE = 1_000_000  # samples of such fits at once; ten times as many take 400 MB
 
 
 @dataclass(frozen=True)
@@ -117,31 +118,25 @@ def _rates(tracks: dict[str, Track]) -> dict[str, Track]:
 
 
 def _slopes(t: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Slopes of quadratics through the samples within SMOOTH around each one."""
+    """Slopes of quadratics through the samples within SMOOTH around each one: of fewer than four, between neighbours.
+
+    Every quadratic has its own sums, of times from its own instant: differences of sums over a whole drive lose all
+    digits of the fourth powers within a minute.
+    """
     low, high = np.searchsorted(t, t - SMOOTH), np.searchsorted(t, t + SMOOTH, side='right')
-    sums = {}
-    centre = t - t.mean()
-    for k in range(5):
-        sums[k] = np.concatenate([[0.0], np.cumsum(centre**k)])
-    moments = {k: np.concatenate([[0.0], np.cumsum(centre**k * (y - y.mean()))]) for k in range(3)}
-    result = np.zeros_like(y)
-    for i in range(t.size):
-        a, b, at = low[i], high[i], centre[i]
-        if b - a < 4:
-            j = min(max(i, 1), t.size - 2)
-            result[i] = (y[j + 1] - y[j - 1]) / (t[j + 1] - t[j - 1])
+    at = np.clip(np.arange(t.size), 1, t.size - 2)
+    result = (y[at + 1] - y[at - 1]) / (t[at + 1] - t[at - 1])
+    for some in np.array_split(np.flatnonzero(high - low >= 4), max(1, int((high - low).sum() / AT_ONCE))):
+        if not some.size:
             continue
-        s = [sums[k][b] - sums[k][a] for k in range(5)]
-        m = [moments[k][b] - moments[k][a] for k in range(3)]
-        # moments about the instant itself
-        s1, s2 = s[1] - at * s[0], s[2] - 2 * at * s[1] + at**2 * s[0]
-        s3 = s[3] - 3 * at * s[2] + 3 * at**2 * s[1] - at**3 * s[0]
-        s4 = s[4] - 4 * at * s[3] + 6 * at**2 * s[2] - 4 * at**3 * s[1] + at**4 * s[0]
-        m1, m2 = m[1] - at * m[0], m[2] - 2 * at * m[1] + at**2 * m[0]
-        normal = np.array([[s[0], s1, s2], [s1, s2, s3], [s2, s3, s4]])
-        scale = SMOOTH ** np.arange(3)
-        normal = normal / np.outer(scale, scale)
-        result[i] = np.linalg.solve(normal, np.array([m[0], m1, m2]) / scale)[1] / SMOOTH
+        columns = low[some, None] + np.arange(int((high - low)[some].max()))
+        there = columns < high[some, None]
+        columns = np.minimum(columns, t.size - 1)
+        u = (t[columns] - t[some, None]) / SMOOTH
+        powers = np.where(there[:, :, None], u[:, :, None] ** np.arange(3), 0.0)
+        normal = np.einsum('nki,nkj->nij', powers, powers)
+        moments = np.einsum('nki,nk->ni', powers, y[columns] - y[some, None])
+        result[some] = np.linalg.solve(normal, moments[:, :, None])[:, 1, 0] / SMOOTH
     return result
 
 
