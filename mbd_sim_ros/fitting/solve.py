@@ -51,7 +51,7 @@ def descend(
 
     Derivatives cost a run for every unknown: they are one-sided on the way, and those of the point before serve again
     while steps gain what they promise; in the minimum they are central, and it is left if they promise more than `gain`
-    there.     Raises MbdError where not even the begin can be driven.
+    there. Raises MbdError where not even the begin can be driven.
     """
     prior, (low, high) = problem.prior, problem.bounds
     columns = np.flatnonzero(free).tolist()
@@ -82,7 +82,8 @@ def descend(
         g = W.T @ problem.white(r, which) - prior[columns] * x[columns]
         gained = expected = 0.0
         for _ in range(12):
-            step = np.linalg.solve(A + damping * np.diag(np.diag(A) + 1e-9), g)
+            damped = A + damping * np.diag(np.diag(A) + 1e-9)
+            step = within(damped, g, low[columns] - x[columns], high[columns] - x[columns])
             step *= min(1.0, LONGEST / max(float(np.abs(step[of_car]).max(initial=0.0)), 1e-300))
             new = x.copy()
             new[columns] = np.clip(x[columns] + step, low[columns], high[columns])
@@ -116,3 +117,18 @@ def descend(
     raise StepError(
         f'the fit does not come to rest within {MOST} iterations; give priors to its parameters, or fewer of them'
     )
+
+
+def within(A: np.ndarray, g: np.ndarray, least: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """The step that solves A step = g, between bounds the minimum of the parabola there.
+
+    A step that is only cut off leaves the other unknowns where they compensate for what does not happen: where a lag
+    cannot be negative, a delay then creeps. Bounded least squares: [Stark1995].
+    """
+    step = np.linalg.solve(A, g)
+    if ((step >= least) & (step <= most)).all():
+        return np.asarray(step)
+    from scipy.optimize import lsq_linear
+
+    L = np.linalg.cholesky(A)
+    return np.asarray(lsq_linear(L.T, np.linalg.solve(L, g), (least, most), method='bvls').x)

@@ -13,7 +13,7 @@ from mbd_sim_ros.fitting.estimation import noise_of
 from mbd_sim_ros.fitting.noise import Noise, estimated, whitened
 from mbd_sim_ros.fitting.problem import STEP, Piece, Problem
 from mbd_sim_ros.fitting.recordings import Window
-from mbd_sim_ros.fitting.solve import Found, descend
+from mbd_sim_ros.fitting.solve import Found, descend, within
 from mbd_sim_ros.fitting.unknowns import Unknown
 from mbd_sim_ros.lab.studies.fit_coverage import SWINGS, drives
 from solver.errors import StepError
@@ -226,3 +226,20 @@ def test_a_level_is_derived_where_its_minimum_stays(factor: float, monkeypatch: 
     # it moved by less than SAME, which is 1 - factor times what the place of derivation was off
     assert np.abs(found.x - exact).max() <= abs(factor) / (1.0 - factor) * estimation.SAME
     assert len(asked) <= estimation.RECENTRED
+
+
+@pytest.mark.parametrize(
+    ('least', 'most', 'expected'),
+    [
+        ((-9.0, -9.0), (9.0, 9.0), (-4.2105263, 5.7894737)),  # inside
+        ((0.0, -9.0), (9.0, 9.0), (0.0, 2.0)),  # the first is held, and the second one compensates for nothing
+        ((-9.0, -9.0), (9.0, 1.0), (0.1, 1.0)),  # A[0, 0] x + 0.9 * 1 = 1: the other way round
+        ((-2.0, -9.0), (9.0, 1.0), (0.1, 1.0)),
+        ((-1.0, -9.0), (9.0, 9.0), (-1.0, 2.9)),
+        ((0.5, 0.5), (0.6, 0.6), (0.5, 0.6)),
+    ],
+)
+def test_step_between_bounds(least: tuple, most: tuple, expected: tuple) -> None:
+    """The minimum of a parabola in a box, by its conditions: no slope along what is free."""
+    A, g = np.array([[1.0, 0.9], [0.9, 1.0]]), np.array([1.0, 2.0])
+    assert within(A, g, np.array(least), np.array(most)) == pytest.approx(expected)
