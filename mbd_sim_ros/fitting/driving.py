@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,9 +12,11 @@ from scipy.interpolate import CubicSpline
 from mbd_sim_ros.fitting.car import begin
 from mbd_sim_ros.fitting.file import Drive
 from mbd_sim_ros.fitting.recordings import Data, Track, Window
+from mbd_sim_ros.fitting.sensors import CORNERS
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import SpecError, StepError
 from solver.inputs.signals import Jet, smooth_step
+from solver.output.snapshot import Snapshot
 from solver.simulation import Simulation
 
 CHUNK = 10  # steps between samples; with ten times as many a yaw rate of 2 Hz is not seen any more
@@ -61,9 +64,10 @@ class Inputs:
         self.t = self.dt * np.arange(self.chunks + 1)  # from the begin of the window
         half = SMOOTHER * car.size.time
         names = drive.road_wheel or (drive.steering_wheel,)
-        tracks = [_smoothed(data.tracks[name], half) for name in names]
+        given = [Track(one.t, drive.angle(one.y)) for one in (data.tracks[name] for name in names)]
+        tracks = [_smoothed(one, half) for one in given]
         grid = tracks[0].t
-        angle = drive.scale * np.mean([np.interp(grid, one.t, one.y) for one in tracks], axis=0)
+        angle = np.mean([np.interp(grid, one.t, one.y) for one in tracks], axis=0)
         self._steering = _spline(grid, angle)
         self._ends = float(grid[0]), float(grid[-1])
         half = SPEED_SMOOTHER * car.size.time
@@ -129,21 +133,23 @@ def drive(simulation: Simulation, inputs: Inputs, known: Steering) -> np.ndarray
     u[:, columns] = inputs.steering(known)
     u[:, power], u[:, brake] = inputs.torques
     chassis = simulation.channels.chassis or 0
-    lever = _lever(simulation)
+    mass = sum(body.mass for body in simulation.scene.model.bodies)
     time = inputs.car.size.time
     follow, integral = FOLLOW / time, INTEGRAL / time**2
     wanted, slope = inputs.speed(known)
     first = max(float(wanted[0]), 0.05 * inputs.car.speed)
     begin(simulation, first)
-    spin = TIRE_COLUMNS.index('spin')
     rows = np.empty((inputs.chunks + 1, COLUMNS))
     kept = 0.0
     shot = simulation.snapshot()
+    wheels = _wheels(simulation)
+    # torque at the wheels per acceleration [N m s^2/m]: of the start, where they roll, so that no window has that in
+    # which another one ended, and a car of a kilogram no wheels of a passenger car
+    lever = mass * abs(shot.twist[chassis, 0] / wheels(shot).mean())
     for k in range(inputs.chunks + 1):
         row = rows[k]
         row[:6], row[6:12], row[12:19] = shot.imu, shot.twist[chassis], shot.pose[chassis]
-        wheels = shot.tire[:, spin] if shot.tire.shape[0] == 4 else np.zeros(4)
-        row[19:] = wheels
+        row[19:] = wheels(shot)
         if k == 0:  # what is shown is still the start
             row[19:] *= first / row[6]
             row[6] = first
@@ -162,13 +168,14 @@ def drive(simulation: Simulation, inputs: Inputs, known: Steering) -> np.ndarray
     return rows
 
 
-def _lever(simulation: Simulation) -> float:
-    """Torque at the wheels per acceleration of the vehicle [N m s^2/m]."""
-    mass = sum(body.mass for body in simulation.scene.model.bodies)
-    pose, spin = simulation.snapshot(), TIRE_COLUMNS.index('spin')
-    if pose.tire.shape[0] == 4 and abs(pose.tire[:, spin].mean()) > 0.0:
-        return float(mass * abs(pose.twist[simulation.channels.chassis or 0, 0] / pose.tire[:, spin].mean()))
-    return float(mass * 0.3)
+def _wheels(simulation: Simulation) -> Callable[[Snapshot], np.ndarray]:
+    """Spins of the four wheels [rad/s] out of a snapshot: of its tires, or of its joints at a level without tires."""
+    if simulation.snapshot().tire.shape[0] == len(CORNERS):
+        spin = TIRE_COLUMNS.index('spin')
+        return lambda shot: shot.tire[:, spin]
+    names = simulation.channels.joints
+    joints = [names.index(f'wheel_{corner}') for corner in CORNERS]
+    return lambda shot: shot.joint_velocity[joints]
 
 
 def _smoothed(track: Track, half: float) -> Track:

@@ -60,7 +60,7 @@ def recorded(
     car = Car(file, home) if car is None else car
     t, angle, v = inputs.T
     name = file.drive.steering_wheel or file.drive.road_wheel[0]
-    data = Data('made', 'fit', {name: Track(t, angle / file.drive.scale), file.drive.speed: Track(t, v)})
+    data = Data('made', 'fit', {name: Track(t, file.drive.channel(angle)), file.drive.speed: Track(t, v)})
     plain = dataclasses.replace(file.drive, drive_torque='', brake_torque='', road_wheel=file.drive.road_wheel[:1])
     window = Window('made', 'fit', 0.0, 0.0, float(t[-1]))
     driven = Inputs(data, plain, window, car)
@@ -68,7 +68,7 @@ def recorded(
     columns = {'t': t}
     bad = faults.get('steering', {})
     late = np.interp(t - bad.get('delay', 0.0), t, angle)
-    measured = (late / bad.get('gain', 1.0) - bad.get('offset', 0.0)) / file.drive.scale
+    measured = file.drive.channel(late / bad.get('gain', 1.0) - bad.get('offset', 0.0))
     columns[name] = measured + bad.get('noise', 0.0) * random.standard_normal(t.size)
     speed = Sensor('longitudinal_velocity', (0.0, 0.0, 0.0), car.com, 0.0).at(rows, driven.dt, t)
     columns[file.drive.speed] = speed + 0.02 * car.size.speed * random.standard_normal(t.size)

@@ -22,6 +22,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from solver.dimensions import Angle, Length, Point, Time
 from solver.errors import SpecError, suggestion
 from solver.files.schema import Builder
@@ -107,7 +109,8 @@ class Windows:
 @dataclass(frozen=True, kw_only=True)
 class Drive:
     """Measured inputs. steering_wheel: channel of the angle at the steering wheel [rad], or road_wheel: that of the
-    road wheels, of which several are averaged. scale: of that angle over the channel. speed: channel of the speed along
+    road wheels, of which several are averaged. scale: of that angle over the channel; or curve: pairs of both, between
+    which it is linear, as of a servo that has only a command. speed: channel of the speed along
     x that is followed [m/s], or drive_torque and brake_torque [N m]; both torques need the speed at the start of a
     window. sign of brake_torque: >= 0. delay, gain, offset: what is known of the steering. lag: time constant of the
     steering behind its command [s]. speed_delay: what is known of the delay of a speed that is followed."""
@@ -115,6 +118,7 @@ class Drive:
     steering_wheel: str = ''
     road_wheel: tuple[str, ...] = ()
     scale: float = 1.0
+    curve: tuple[tuple[float, float], ...] = ()
     speed: str
     drive_torque: str = ''
     brake_torque: str = ''
@@ -127,6 +131,37 @@ class Drive:
     def __post_init__(self) -> None:
         one = bool(self.steering_wheel) != bool(self.road_wheel)
         require(one, 'drive', 'steering_wheel', self.steering_wheel, 'give this or road_wheel, and not both')
+        if self.curve:
+            require(self.scale == 1.0, 'drive', 'scale', self.scale, 'give this or curve, and not both')
+            of, angles = np.diff(np.array(self.curve), axis=0).T if len(self.curve) > 1 else np.zeros((2, 1))
+            rising = bool((of > 0.0).all() and ((angles > 0.0).all() or (angles < 0.0).all()))
+            require(
+                rising,
+                'drive',
+                'curve',
+                [list(pair) for pair in self.curve],
+                'must be at least two pairs [channel, angle] with rising channel and rising (or falling) angle',
+            )
+
+    def angle(self, values: np.ndarray) -> np.ndarray:
+        """Angles [rad] of values of the channel. Raises SpecError for those beyond the curve."""
+        if not self.curve:
+            return np.asarray(self.scale * values)
+        of, angles = np.array(self.curve).T
+        far = values[np.argmax(np.maximum(of[0] - values, values - of[-1]))] if values.size else of[0]
+        if not of[0] <= far <= of[-1]:
+            raise SpecError(
+                f'drive.curve: {(self.road_wheel or (self.steering_wheel,))[0]} reaches {far:g}, and the curve ends at '
+                f'{of[0]:g} and {of[-1]:g}: is the unit of the channel right? otherwise give pairs farther out'
+            )
+        return np.interp(values, of, angles)
+
+    def channel(self, angles: np.ndarray) -> np.ndarray:
+        """Values of the channel of angles [rad], those of the ends of the curve beyond it."""
+        if not self.curve:
+            return np.asarray(angles / self.scale)
+        pairs = sorted(self.curve, key=lambda pair: pair[1])
+        return np.interp(angles, *np.array(pairs).T[::-1])
 
     @property
     def torques(self) -> tuple[str, ...]:

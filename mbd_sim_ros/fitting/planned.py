@@ -72,7 +72,7 @@ def data_of(car: Car, drive: Drive, channels: dict[str, str], plan: Plan) -> Dat
     if car.road_map is not None:
         points = np.array(car.road_map.points)
         angle = np.interp(angle, points[:, 1], points[:, 0])
-    tracks = {name: Track(t, angle / drive.scale) for name in (drive.road_wheel or (drive.steering_wheel,))}
+    tracks = {name: Track(t, drive.channel(angle)) for name in (drive.road_wheel or (drive.steering_wheel,))}
     tracks[drive.speed] = Track(t, v)
     for name, values in ((drive.drive_torque, power), (drive.brake_torque, brake)):
         if name:

@@ -211,6 +211,72 @@ def test_a_horizontal_acceleration_is_that_of_the_motion(level: str, tmp_path: P
     assert (np.abs(shown('lateral_acceleration')) - np.abs(motion))[-50:].min() > 0.02 * np.abs(motion).max()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(('length', 'mass'), [(0.1735, 1.58), (0.33, 3.5), (6.0, 9000.0)])
+def test_a_car_of_any_size_follows_its_speed(length: float, mass: float, tmp_path: Path) -> None:
+    """At level single_track a model car, and a truck, has the speed that it is to have, and wheels that roll at it.
+    (With the wheels of a passenger car the control of one of 1:10 was fifteen times too stiff: it drove and braked at
+    the limit of the tires, and spun.) A window has the same bits whichever was driven before it."""
+    (tmp_path / 'fit.yaml').write_text(
+        f'like: {{vehicle: vehicles/light_car.yaml, wheelbase: {length}, mass: {mass}, driven: rear}}\n'
+        'level: single_track\nrecordings: {a: {file: a, use: held_out}}\n'
+        'drive: {road_wheel: [s], speed: v}\nchannels: {yaw_rate: {channel: r}}\nparameters: {mass: {sd: 2 %}}\n'
+    )
+    file = load_file(tmp_path / 'fit.yaml')
+    car = Car(file, tmp_path)
+    size = car.size
+    t = 0.01 * size.time * np.arange(801)
+    swing = np.sin(2.0 * t / size.time)
+    data = Data('made', 'fit', {'s': Track(t, 0.06 * swing), 'v': Track(t, size.speed * (9.0 + np.cos(t / size.time)))})
+    inputs = Inputs(data, file.drive, Window('made', 'fit', 0.0, 0.0, float(t[-1])), car)
+    simulation = car.simulation({})
+    rows = drive(simulation, inputs, Steering())
+    wanted, _ = inputs.speed(Steering())
+    assert np.abs(rows[:, 6] - wanted).max() < 0.01 * wanted.min()
+    assert np.abs(rows[:, 0]).max() < 3.0  # the slope of the speed is 1 m/s^2
+    # kinematic yaw rate, of which tires take a part
+    kinematic = float(np.abs(rows[:, 6] * np.tan(0.06) / length).max())
+    assert 0.6 * kinematic < np.abs(rows[:, 11]).max() < 1.1 * kinematic
+    radius = car.data['front']['tire']['values']['UNLOADED_RADIUS']
+    assert rows[:, 19:].mean(axis=1) * radius == pytest.approx(rows[:, 6], rel=0.05)
+    assert np.array_equal(drive(simulation, inputs, Steering()), rows)
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_curve_of_a_servo(sign: float, tmp_path: Path) -> None:
+    """Angles between pairs, their commands back, and a sentence for a command beyond them."""
+    known = Drive(road_wheel=('s',), speed='v', curve=((-1.0, -0.4 * sign), (0.0, 0.02 * sign), (1.0, 0.32 * sign)))
+    commands = np.array([-1.0, -0.5, 0.0, 0.25, 1.0])
+    angles = sign * np.array([-0.4, -0.19, 0.02, 0.095, 0.32])
+    assert known.angle(commands) == pytest.approx(angles)
+    assert known.channel(angles) == pytest.approx(commands)
+    for beyond in (1.2, -30.0, math.nan):
+        with pytest.raises(SpecError, match=f's reaches {beyond:g}, and the curve ends at -1 and 1'):
+            known.angle(np.array([0.0, beyond, 0.5]))
+
+
+@pytest.mark.parametrize(
+    ('words', 'sentence'),
+    [
+        ('scale: 2, curve: [[0, 0], [1, 1]]', 'give this or curve'),
+        ('curve: [[0, 0]]', 'at least two pairs'),
+        ('curve: [[0, 0], [0, 1]]', 'at least two pairs'),
+        ('curve: [[0, 0], [1, 0.1], [2, 0.1]]', 'at least two pairs'),
+        ('curve: [[1, 0], [0, 1]]', 'rising channel'),
+        ('curve: [0, 1]', 'curve'),
+    ],
+)
+def test_curves_that_are_none(words: str, sentence: str, tmp_path: Path) -> None:
+    """One sentence each."""
+    (tmp_path / 'fit.yaml').write_text(
+        'vehicle: vehicles/light_car.yaml\nrecordings: {a: {file: a}}\n'
+        f'drive: {{road_wheel: [s], speed: v, {words}}}\nchannels: {{yaw_rate: {{channel: r}}}}\n'
+        'parameters: {mass: {sd: 2 %}}\n'
+    )
+    with pytest.raises(MbdError, match=sentence):
+        load_file(tmp_path / 'fit.yaml')
+
+
 def test_lag_of_the_steering() -> None:
     """Behind a ramp of 2 rad/s a lag of 0.1 s stays 0.2 rad back; rate and acceleration belong to it."""
     h = 0.001
