@@ -88,8 +88,9 @@ def channels(found: Sequence[Run], names: Sequence[str]) -> list[Block]:
 
 
 def offset_of(values: np.ndarray) -> float:
-    """What a curve is counted from: its middle where it lies farther from zero than the curve swings, else 0. 32-bit
-    floats then round to 6e-8 of the swing; counted from zero, those of an energy of 1e6 J draw stairs of 0.06 J."""
+    """Value from which a curve is counted: its middle where that is farther from zero than the curve swings, else 0.
+    32-bit floats then round to 6e-8 of the swing; counted from zero, those of an energy of 1e6 J draw stairs of
+    0.06 J."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return 0.0
