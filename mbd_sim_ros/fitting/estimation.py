@@ -134,12 +134,12 @@ def _fit(problem: Problem, out: str | Path | None, say: Say) -> Fitted:
     for k, begin in enumerate(starts):
         say(f'all unknowns, start {k + 1} of {len(starts)}')
         problem.reset_noise()
-        minima.append(descend(problem, begin, which, everything, say))
+        minima.append(descend(problem, begin, which, everything, say, rest=False))
     best = min(minima, key=lambda one: one.cost)
     for k in range(ROUNDS):
         say(f'weights from the residuals, {k + 1} of {ROUNDS}')
         problem.set_noise(noise_of(problem, best.r, which))
-        best = descend(problem, best, which, everything, say)
+        best = descend(problem, best, which, everything, say, rest=k == ROUNDS - 1)
     if problem.file.level == 'single_track':
         best = _recentred(problem, best, which, everything, say)
     covariance, ratio = covariance_of(problem, best)

@@ -45,13 +45,16 @@ def descend(
     free: np.ndarray,
     say: Callable[[str], None] = lambda text: None,
     gain: float = GAIN,
+    *,
+    rest: bool = True,
 ) -> Found:
     """The minimum near a vector, or near what was found with other weights, of the residuals over windows, of those
     unknowns that are free (n, bools).
 
     Derivatives cost a run for every unknown: they are one-sided on the way, and those of the point before serve again
     while steps gain what they promise; in the minimum they are central, and it is left if they promise more than `gain`
-    there. Raises MbdError where not even the begin can be driven.
+    there. rest: it must come to rest within MOST iterations; False: how far it comes will do, as to where other weights
+    are taken from. Raises MbdError where not even the begin can be driven.
     """
     prior, (low, high) = problem.prior, problem.bounds
     columns = np.flatnonzero(free).tolist()
@@ -114,6 +117,8 @@ def descend(
         central = expected < NEAR or gained < NEAR
         J = problem.jacobian(x, which, motions, columns, central=central)
         age = 0
+    if not rest:
+        return Found(x, motions, r, problem.jacobian(x, which, motions, columns), cost)
     raise StepError(
         f'the fit does not come to rest within {MOST} iterations; give priors to its parameters, or fewer of them'
     )

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mbd_sim_ros.fitting import estimation
+from mbd_sim_ros.fitting import estimation, solve
 from mbd_sim_ros.fitting.covariance import covariance_of, scatter_of
 from mbd_sim_ros.fitting.estimation import noise_of
 from mbd_sim_ros.fitting.noise import Noise, estimated, whitened
@@ -196,6 +196,21 @@ def test_derivative_at_the_edge_of_what_a_vehicle_can_have() -> None:
     low = 0.3 - 0.2 * STEP
     with pytest.raises(StepError, match='no vehicle has this number'):
         problem.jacobian(x, which, motions, central=False)
+
+
+def test_weights_may_be_taken_on_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One iteration is not enough: a fit that must be at rest is refused, and one that need not has come nearer, with
+    derivatives of where it is."""
+    problem = Linear(2, windows=3, discrepancy=0.1)
+    which, free = problem.of('fit'), np.ones(3, bool)
+    there = descend(problem, problem.start, which, free)
+    monkeypatch.setattr(solve, 'MOST', 1)
+    with pytest.raises(StepError, match='does not come to rest within 1 iterations'):
+        descend(problem, problem.start, which, free)
+    found = descend(problem, problem.start, which, free, rest=False)
+    white = problem.white(problem.residuals(problem.start, which), which)
+    assert there.cost <= found.cost < 0.9 * float(white @ white)
+    assert np.allclose(found.J, np.concatenate([problem.basis[k] for k in which]), atol=1e-9)
 
 
 @pytest.mark.parametrize('factor', [-0.8, -0.65, 0.0, 0.5])
