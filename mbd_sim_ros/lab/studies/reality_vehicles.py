@@ -75,6 +75,7 @@ class Real:
 
 # Gains of calibrated sensors are exact: a gain that is free takes over what the vehicle that a fit begins with lacks
 TRUE: dict[str, Any] = {'gain': {'sd': 'none'}}
+EXACT: dict[str, Any] = {**TRUE, 'delay': {'sd': 'none'}}
 DRIVE = 'drive.csv'
 FIFTH = 70.0  # s, of the 350 s of the 250 LM; ten times as long is more than there is
 SOME = 26.0  # s, of each of the first three fifths that is fitted: two windows; ten times as long is more than there is
@@ -110,6 +111,12 @@ FERRARI = Real(
 SLOW_FREE, FAST_FREE = (f'91_free_driving_16_sept_2024__09_16_2024_10_{end}.csv' for end in ('01_01', '12_05'))
 RAMP = '81_throttle_ramps__09_09_2024_16_05_28steer015_ramp.csv'
 BASE = 0.1735  # m, wheelbase
+# rad of the road wheels over the command of the servo: the two hyperbolic tangents that the source fits to circles. A
+# straight line would be 20 % too flat in the middle, and 14 % too steep at one end
+SERVO = [
+    [-1.0, -0.403], [-0.8, -0.355], [-0.6, -0.291], [-0.4, -0.212], [-0.2, -0.117], [0.0, -0.014], [0.2, 0.086],
+    [0.4, 0.175], [0.6, 0.242], [0.8, 0.290], [1.0, 0.320],
+]  # fmt: skip
 
 DART = Real(
     folder='dart',
@@ -128,15 +135,15 @@ DART = Real(
             'pose/yaw': {'channel': 'vicon yaw', 'unit': 'rad'},
         },
     },
-    # 0.36 rad of the road wheels for a command of 1: the source has 0.32 to one side and 0.40 to the other
     drive={
-        'road_wheel': ['servo/command'], 'speed': 'pose/vx', 'scale': 0.36,
-        'gain': {'sd': '15 %'}, 'delay': {'sd': '0.1 s'}, 'offset': {'sd': 0.05}, 'lag': {'value': 0.1, 'sd': '0.05 s'},
+        'road_wheel': ['servo/command'], 'speed': 'pose/vx', 'curve': SERVO,
+        'gain': {'sd': '5 %'}, 'delay': {'sd': '0.1 s'}, 'offset': {'sd': 0.05}, 'lag': {'value': 0.1, 'sd': '0.05 s'},
     },
     channels={
-        'lateral_acceleration': {'channel': 'imu/ay', 'delay': {'sd': '0.1 s'}, 'gain': {'sd': '10 %'}, 'noise': 1.5},
-        'yaw_rate': {'channel': 'pose/yaw_rate', **TRUE, 'delay': {'sd': '0.1 s'}},
-        'lateral_velocity': {'channel': 'pose/vy', **TRUE, 'delay': {'sd': '0.1 s'}, 'mounting': {'sd': 0.02}},
+        'lateral_acceleration': {'channel': 'imu/ay', 'delay': {'sd': '0.1 s'}, 'gain': {'sd': '10 %'}, 'noise': 3.0},
+        # out of the pose, as the speed that is followed: none of them comes after another
+        'yaw_rate': {'channel': 'pose/yaw_rate', **EXACT},
+        'lateral_velocity': {'channel': 'pose/vy', **EXACT, 'mounting': {'sd': 0.02}},
     },
     # masses lie near the middle of a car without overhangs: half of the yaw inertia of a similar passenger car
     known={'yaw_inertia': {'sd': '60 %'}},
