@@ -153,7 +153,7 @@ def _imports(file: Path) -> tuple[Path, ...]:
         if isinstance(node, ast.ImportFrom) and node.module and not node.level:
             names = [node.module, *(f'{node.module}.{alias.name}' for alias in node.names)]
         if by_name and isinstance(node, ast.Constant) and re.fullmatch(r'solver(\.\w+)+', str(node.value)):
-            names = [node.value]
+            names = [str(node.value)]
         for name in names:
             found += filter(None, (_file(name),))
     return tuple(found)
