@@ -111,8 +111,8 @@ def command(name: str, recording: Path, study: str = 'slider_crank') -> list[obj
 
 
 def judge(ended: Ended, number: int, limit: float, *, as_json: bool, node: bool) -> None:
-    """One sentence, the exit code of the signal, in time. A command that had done its work before is as well, and a plan
-    that says what it has found by then."""
+    """One sentence, the exit code of the signal, in time. A command that had done its work before is as well, and
+    a plan that says what it has found by then."""
     said = ended.out + ended.err
     assert not UNWANTED.search(said), said
     assert ended.code >= 0, f'ended by signal {-ended.code}: {said}'
