@@ -90,7 +90,8 @@ def iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work):
     # Next to a singular position the first iterate that is closed by the end is held until another gains a digit on it:
     # the least increment of those that follow may be that of one thrown along the direction that is hardly seen. Closed
     # means that the increment which follows is not there to close it: with penalties below 1e3 and no combination an
-    # iterate is open by a part of each increment.
+    # iterate is open by a part of each increment. Ten times SETTLED_SHARE, as a part of that increment, gives the same
+    # runs; a hundred times holds open iterates, and a tenth holds too few (docs/decisions/0004).
     best, held = np.inf, False
     begin_iterations(work)
     for it in range(c.iterations):
