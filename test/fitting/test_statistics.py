@@ -138,6 +138,49 @@ def test_no_drive_tells_the_scale_of_a_mass() -> None:
     assert np.linalg.norm(J @ factor) < 0.05
 
 
+class Bent(Problem):
+    """Signals (x, x + bend x^2) of each of two numbers beside measured (-1, 1), times 1000: the sum of squares
+    1e6 (2 + 2 (1 - bend) x^2 + 2 bend x^3 + bend^2 x^4) has its minimum at 0, where Gauss-Newton goes on to `bend` of
+    the distance ([Dennis1981])."""
+
+    def __init__(self, bend: float) -> None:
+        self.bend, self.turn = bend, np.array([[0.8, 0.6], [-0.6, 0.8]])
+        self.unknowns = [Unknown(f'p{k}', 'made', f'p{k}', 0.0, math.inf, 1.0, sought=True) for k in range(2)]
+        self.asked = 0
+
+    def motions(self, x, which):
+        return [x]
+
+    def residuals(self, x, which, motions=None):
+        z = self.turn @ x
+        return 1e3 * np.concatenate([-1.0 - z, 1.0 - z - self.bend * z * z])
+
+    def jacobian(self, x, which, motions, only=None, step=STEP, central=True):
+        self.asked += 1
+        z = self.turn @ x
+        return 1e3 * np.concatenate([self.turn, (1.0 + 2.0 * self.bend * z)[:, None] * self.turn])
+
+    def white(self, values, which):
+        return values
+
+
+@pytest.mark.parametrize('bend', [0.9, -0.9, 0.5, 0.0])
+def test_residuals_that_are_large(bend: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where residuals are large, Gauss-Newton alone goes on by a part of the distance; with the curvature that the
+    derivatives before tell, the minimum is found with half of them at most, and within the iterations there are."""
+    free, begin = np.ones(2, bool), Bent(bend).turn.T @ [0.5, 0.3]  # on this side there is no other minimum
+    problem, plain = Bent(bend), Bent(bend)
+    found = descend(problem, begin, [0], free)
+    assert 2e6 * (1.0 - bend) * float(found.x @ found.x) < 10.0 * solve.GAIN
+    monkeypatch.setattr(solve.Curvature, 'added', lambda self, G, damping: G)
+    if bend > 0.8:
+        with pytest.raises(StepError, match='does not come to rest'):
+            descend(plain, begin, [0], free)
+    else:
+        descend(plain, begin, [0], free)
+    assert problem.asked <= (0.5 * plain.asked if bend else plain.asked)
+
+
 def test_prior_is_kept_where_nothing_is_told() -> None:
     """Of a number that no signal depends on the interval is that known before."""
     problem = Linear(3, windows=6, discrepancy=0.1, prior=0.5)
