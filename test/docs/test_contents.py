@@ -27,8 +27,18 @@ def test_contents_are_those_of_the_page(page: Path) -> None:
 
 def test_what_has_contents() -> None:
     """Headings of a long page, none in code; a short page loses what it has; a second time nothing changes."""
-    body = ''.join(f'## Part `{k}`\n\ntext\n\n' for k in range(5)) + '```\n## none\n```\n' + 'line\n' * 160
+    words = 'a line of words\n' * 250
+    body = ''.join(f'## Part `{k}`\n\ntext\n\n' for k in range(3)) + '```\n## none\n```\n' + words
     page = tool().render(f'# Title\n\nIntro.\n\n{body}')
     assert page.startswith('# Title\n\n<!-- contents -->\n[Part 0](#part-0) · ') and 'none](' not in page
     assert tool().render(page) == page and page.endswith(body)
-    assert tool().render(page.replace('line\n' * 160, '')).startswith('# Title\n\nIntro.')
+    assert tool().render(page.replace(words, '')).startswith('# Title\n\nIntro.')
+
+
+def test_a_very_long_page_shows_the_parts_of_its_chapters() -> None:
+    """A line for each chapter; headings of one name have addresses of their own, as GitHub numbers them."""
+    body = ''.join(f'## Chapter {k}\n\n### Cases\n\n#### Cases\n\n' for k in range(3)) + 'a line of words\n' * 2500
+    page = tool().render(f'# Title\n\n{body}')
+    lines = page.splitlines()[3:6]
+    assert lines == [f'- [Chapter {k}](#chapter-{k}): [Cases](#cases{f"-{2 * k}" if k else ""})' for k in range(3)]
+    assert tool().render(page) == page
