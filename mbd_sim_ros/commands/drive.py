@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import signal
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,9 +19,12 @@ from solver.errors import MbdError, SpecError
 if TYPE_CHECKING:
     from mbd_sim_ros.drive.server import Server
     from mbd_sim_ros.drive.session import Session
+    from mbd_sim_ros.node.loop import Loop
 
 SCENE = 'handling_course'
 LOOK = 0.1  # s between looks for signals and the end
+# s that a drive of a given length may stand, not begun or paused; ten times as much holds a script for 20 minutes
+PATIENCE = 120.0
 SWITCH = 2e-5  # s after which a thread gives up the interpreter, as in mbd_sim_ros.node.main
 EXAMPLE = """mbd drive handling_course             # the scene where none is given
   mbd drive car_lane_change --vehicle pickup_awd --ghost bags/first
@@ -40,7 +45,12 @@ def add(parsers: Any) -> None:
         const='simulator',
         help='a running node instead of a scene (default: simulator)',
     )
-    parser.add_argument('--duration', metavar='SECONDS', type=float, help='end after so much simulated time')
+    parser.add_argument(
+        '--duration',
+        metavar='SECONDS',
+        type=float,
+        help='end after so much simulated time; or when nobody has driven for 2 minutes, as an error',
+    )
     parser.add_argument(
         '--rate',
         metavar='FACTOR',
@@ -113,8 +123,10 @@ def _of_scenes(args: argparse.Namespace) -> dict[str, Any]:
 def _drive_scene(args: argparse.Namespace, server: Server) -> Result:
     from mbd_sim_ros import interrupts
 
+    duration = args.duration
     session = _session(args)
     scene, loop = session.simulation.scene, session.loop
+    given_up = False
     session.show = server.show
     sys.setswitchinterval(SWITCH)
     interrupts.now(f'driving {scene.name}')
@@ -123,16 +135,22 @@ def _drive_scene(args: argparse.Namespace, server: Server) -> Result:
             session.start()
             server.start(session)
             announce(server, browser=not args.no_browser)
-            while not interrupts.event.wait(LOOK) and not loop.done.is_set():
-                pass
+            given_up = stood(loop, PATIENCE if duration else math.inf)
         finally:
             server.tell()
             try:
-                session.close(_end())
+                session.close(f'nobody drove for {PATIENCE:g} s' if given_up else _end())
             finally:
                 server.close()
     if session.failed:
         raise MbdError(session.failed)
+    if given_up:
+        kept = f' (recorded in {", ".join(map(str, session.runs))})' if session.runs else ''
+        raise MbdError(
+            f'--duration {duration:g}: nobody drove for {PATIENCE:g} s, so the drive ended after '
+            f'{session.simulation.t_ns * 1e-9:g} s{kept}; open the address in a browser and drive off, or leave '
+            '--duration out: then it waits'
+        )
     data = {
         'status': session.verdict['status'], 'findings': session.verdict['findings'], 'scene': scene.name,
         'recordings': [str(one) for one in session.runs], 'simulated_time': session.simulation.t_ns * 1e-9,
@@ -148,6 +166,19 @@ def _drive_scene(args: argparse.Namespace, server: Server) -> Result:
         )
     rows += [('SUSPECT', found['text']) for found in data['findings']]
     return Result(data=data, text=table(rows), code=0 if data['status'] == 'ok' else 1)
+
+
+def stood(loop: Loop, patience: float) -> bool:
+    """Wait for a signal or the end of the simulation; True where that stood still for so long [s] before."""
+    from mbd_sim_ros import interrupts
+
+    moved = time.monotonic()
+    while not interrupts.event.wait(LOOK) and not loop.done.is_set():
+        if not loop.paused:
+            moved = time.monotonic()
+        elif time.monotonic() - moved > patience:
+            return True
+    return False
 
 
 def _session(args: argparse.Namespace) -> Session:

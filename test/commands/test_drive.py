@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import random
 import signal
@@ -10,16 +11,20 @@ import socket
 import subprocess
 import sys
 import webbrowser
+from contextlib import suppress
 from pathlib import Path
 from queue import SimpleQueue
+from threading import Event, Timer
 from typing import Any
 
 import pytest
 from faults import COUNT, SEED, UNWANTED
 from page_client import PageClient, address_in
 from processes import Process
+from websockets.exceptions import ConnectionClosed
 
 from mbd_sim_ros.bags import reader
+from mbd_sim_ros.commands import drive
 from mbd_sim_ros.commands.drive import announce
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.drive.server import Server
@@ -184,3 +189,59 @@ def test_a_drive_of_a_given_length_ends_by_itself_and_its_json_is_one_object(tmp
     said = json.loads(out)
     assert done.returncode == 0 and said['status'] == 'ok' and said['simulated_time'] == 0.5 and said['steps'] == 500
     assert said['recordings'] == [] and list(tmp_path.iterdir()) == []
+
+
+class Standing:
+    """A loop of which only matters whether it stands."""
+
+    def __init__(self, paused: bool) -> None:
+        self.paused, self.done = paused, Event()
+
+
+def test_a_drive_of_a_given_length_waits_for_a_while_and_one_without_waits_for_ever(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(drive, 'LOOK', 0.01)
+    assert drive.stood(Standing(paused=True), 0.1)
+    for paused, patience in ((True, math.inf), (False, 0.1)):
+        loop = Standing(paused)
+        Timer(0.4, loop.done.set).start()
+        assert not drive.stood(loop, patience)
+
+
+IMPATIENT = """
+import sys
+from mbd_sim_ros.commands import drive
+from mbd_sim_ros.commands.main import main
+drive.PATIENCE = 1.5
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.realtime
+@pytest.mark.slow
+def test_a_drive_of_a_given_length_ends_where_nobody_drives(tmp_path: Path) -> None:
+    """No page comes; a page looks and never drives; one drives for longer than anybody waits, pauses and goes."""
+    command = [sys.executable, '-c', IMPATIENT, 'drive', *LIGHT, '--duration', '60']
+    process = Process(tmp_path, [*command, '--no-record', '--json'])
+    process.wait_for('Ctrl-C ends', 200.0)
+    assert process.end() == 1
+    said = json.loads(process.output[process.output.index('{') :].partition('\n')[0])
+    assert said['status'] == 'error' and 'nobody drove for 1.5 s, so the drive ended after 0 s; open' in said['error']
+    process = Process(tmp_path, [*command, '--no-record'])
+    page = page_of(process)
+    with suppress(ConnectionClosed):
+        page.until(lambda one: False, 20.0)
+    assert process.end() == 1 and 'ended after 0 s; open the address' in process.output
+    process = Process(tmp_path, [*command, '--out', 'run'])
+    page = page_of(process)
+    page.until(lambda one: one.told.get('driving') is True)
+    page.hold(gas=1.0)
+    page.until(lambda one: one.head[0] > 3.0)
+    page.say(do='pause')
+    page.until(lambda one: one.told['paused'])
+    page.close()
+    assert process.end() == 1 and '(recorded in run); open the address' in process.output, process.output
+    assert not UNWANTED.search(process.output), process.output
+    assert reader.read(tmp_path / 'run').metadata['end'] == 'nobody drove for 1.5 s'
+    assert main(['replay', str(tmp_path / 'run')]) == 0
