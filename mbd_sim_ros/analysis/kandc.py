@@ -93,7 +93,10 @@ def measure(scene: Scene, *, travel: float | None = None, steering: float | None
     by the size of the vehicle. Raises SpecError for what is no car with tires at four corners.
     """
     if not is_vehicle(scene.model):
-        raise SpecError(f'{scene.name}: is no vehicle with tires at four corners, which the bench moves')
+        raise SpecError(
+            f'{scene.name}: the bench of mbd kandc needs a vehicle with the four wheels front_left, front_right, '
+            'rear_left and rear_right; mbd list vehicles names some'
+        )
     rig = Rig(scene.model)
     figures = kinematic_figures(rig)
     size = rig.size

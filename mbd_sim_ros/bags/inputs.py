@@ -259,13 +259,18 @@ def _applied(messages: Mapping[int, bytes], where: Path, *, ordered: bool = True
     place = places['position']
     names = list(value['name'])
     if names[-1:] != ['step'] or place.size != len(names) or any(len(one) != len(data[0]) for one in data):
-        raise BagError(f'{where}: the topic {APPLIED} is not that of this simulator')
+        raise BagError(
+            f'{where}: the topic {APPLIED} was not recorded by this program (it needs the inputs and the step by name)'
+        )
     table = np.stack([np.frombuffer(one, dtype(place), place.size, place.offset) for one in data])
     if not (
         np.isfinite(table).all()
         and np.all((table[:, -1] >= 0.0) & (table[:, -1] < MOST_STEPS) & (table[:, -1] % 1.0 == 0.0))
     ):
-        raise BagError(f'{where}: the topic {APPLIED} holds what is no input or no number of a step')
+        raise BagError(
+            f'{where} is damaged: the topic {APPLIED} holds an input that is not finite, or a step that is no whole '
+            'number'
+        )
     return names[:-1], table[np.argsort(table[:, -1], kind='stable')] if ordered else table
 
 

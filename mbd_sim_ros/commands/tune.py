@@ -41,7 +41,7 @@ def add(parsers: Any) -> None:
         metavar='PERCENT',
         type=float,
         default=1.0,
-        help='by which a target may be missed, of the target (of one that is 0: of the figure as given); 1',
+        help='by which a target may be missed, of the target (of one that is 0: of the figure as given; default: 1)',
     )
 
 

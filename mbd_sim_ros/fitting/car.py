@@ -227,6 +227,10 @@ def _loaded(scene: Scene, front: float, rear: float) -> list[str]:
     others = [b for b in model.bodies if b is not chassis]
     mass = front + rear - math.fsum(b.mass for b in others)
     if not mass > 0.0:
-        raise SpecError(f'loads: {front:g} and {rear:g} kg are less than the parts beside the chassis weigh')
+        rest = math.fsum(b.mass for b in others)
+        raise SpecError(
+            f'loads: front: {front:g} kg and rear: {rear:g} kg leave no mass for the chassis, for all other parts '
+            f'of the vehicle weigh {rest:.4g} kg; give the masses on both axles in kg, or another vehicle'
+        )
     moment = front * ahead + rear * behind - math.fsum(b.mass * (b.position[0] + b.com[0]) for b in others)
     return [f'vehicle.chassis.mass={mass!r}', f'vehicle.chassis.com.0={moment / mass - chassis.position[0]!r}']

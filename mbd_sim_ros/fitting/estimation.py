@@ -245,19 +245,20 @@ def _require_this_car(problem: Problem, found: Found) -> None:
         if far > FARTHEST:
             if u.of == 'vehicle':
                 raise BagError(
-                    f'recordings: alone they want {u.name} = {wanted:.4g} {u.unit}, {far:.2g} standard deviations from '
-                    f'the {u.centre:.4g} that is known: they are those of another car, or the prior is wrong'
+                    f'recordings: alone they give {u.name} = {wanted:.4g} {u.unit}, {far:.2g} standard deviations '
+                    f'from the {u.centre:.4g} known before: they are of another car, or its value and sd under '
+                    'parameters or constants are wrong'
                 )
             raise BagError(
-                f'recordings: alone they want {u.name} = {wanted:.3g} {u.unit}, {far:.2g} standard deviations from the '
-                f'{u.centre:g} of such a sensor: mend the recording, or say so in the file of the fit'
+                f'recordings: alone they give {u.name} = {wanted:.3g} {u.unit}, {far:.2g} standard deviations from '
+                f'the {u.centre:g} of a usual sensor: mend the recording, or give it as value in the file of the fit'
             )
     for j, u in enumerate(problem.unknowns):
         if u.sought and (found.x[j] <= low[j] + 1e-6 or found.x[j] >= high[j] - 1e-6):
             value = u.centre + u.width * float(found.x[j])
             raise BagError(
-                f'recordings: {u.name} comes to its bound {value:.4g} {u.unit}: they are those of another car, or the '
-                'bound is wrong'
+                f'recordings: the fit ends at the bound of {u.name}, {value:.4g} {u.unit}: they are of another car, or '
+                'its low or high under parameters is wrong'
             )
 
 

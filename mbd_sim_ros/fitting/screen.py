@@ -112,13 +112,13 @@ def _look(problem: Problem, recording: str, own: dict[str, list[Seen]], time: fl
     turned = [name for name, some in own.items() if mean(some, 'best') < -ALIKE and mean(some, 'now') < 0.0]
     if turned and len(turned) == len(own) and len(own) > 1:
         raise BagError(
-            f'recording {recording!r}: all signals are turned against the steering: give the steering sign: -1 in the '
-            'mapping'
+            f'recording {recording!r}: all signals have the wrong sign for this steering: give the steering sign: -1 '
+            'in the mapping'
         )
     if turned:
         raise BagError(
-            f'recording {recording!r}: {turned[0]} is turned (correlation {mean(own[turned[0]], "now"):.2f} with the '
-            'predicted one): give its channel sign: -1 in the mapping'
+            f'recording {recording!r}: {turned[0]} has the wrong sign (correlation {mean(own[turned[0]], "now"):.2f} '
+            'with the predicted one): give its channel sign: -1 in the mapping'
         )
     clear = {name: [one for one in some if one.best > ALIKE] for name, some in own.items()}
     clear = {name: some for name, some in clear.items() if some}
@@ -158,7 +158,7 @@ def _look(problem: Problem, recording: str, own: dict[str, list[Seen]], time: fl
         delay = delays[late_all[0]][0]
         raise BagError(
             f'recording {recording!r}: {late_all[0]} is {abs(delay):.2f} s {"late" if delay > 0 else "early"}, more '
-            f'than such a sensor is: mend its stamps, or give its delay a value ({delay:.2f} s)'
+            f'than a usual sensor: correct its stamps, or write delay: {{value: {delay:.2f} s}} under the channel'
         )
     factors = {name: mean(some, 'factor') for name, some in clear.items()}
     most = {name: OFF_OF_DIFFERENCE if name.partition('.')[0] in DIFFERENCES else OFF for name in factors}
@@ -166,7 +166,7 @@ def _look(problem: Problem, recording: str, own: dict[str, list[Seen]], time: fl
     if far and len(far) == len(factors) and len(far) > 1:
         raise BagError(
             f'recording {recording!r}: all signals are {float(np.median(list(far.values()))):.2g} times those of the '
-            'vehicle: the recording is that of another car, or the unit of the steering is not as given'
+            'vehicle: the recording is of another car, or the unit of the steering in the mapping is wrong'
         )
     if far:
         name, factor = next(iter(far.items()))

@@ -132,7 +132,10 @@ def _scaled(data: dict[str, Any], length: float, mass: float, around: str = '') 
             within = f'{around}.{key}'
             power = KEYS.get(within, KEYS.get(key))
             if power is None:
-                raise SpecError(f'like: the vehicle has {within}, which is not known to grow with its size')
+                raise SpecError(
+                    f'like: the vehicle has {within}, and how that scales with size is not known; remove it, or take '
+                    'vehicle instead of like'
+                )
             found[key] = _times(value, power, length, mass)
     return found
 

@@ -84,7 +84,10 @@ def unknowns_of(file: FitFile, car: Any, kinds: Mapping[str, str]) -> Unknowns:
 def _number(file: FitFile, car: Any, name: str, known: Known, *, sought: bool) -> Unknown:
     number, own, of_class = car.number(name), car.value(name), car.class_sd(name)
     if file.loads is not None and set(number.keys) & {'chassis.mass', 'chassis.com.0'}:
-        raise SpecError(f'parameters: {name}: the measured loads of the axles give it; remove one of both')
+        raise SpecError(
+            f'parameters: {name}: the axle masses under loads already determine it; remove it from parameters, or '
+            'remove loads'
+        )
     unit = number.unit or ''
     centre = own if known.value is None else number_of(known.value, f'parameters: {name}: value', unit)
     sd = sd_of(known, f'parameters: {name}', centre, unit, of_class)

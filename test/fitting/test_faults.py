@@ -55,7 +55,7 @@ def short(one: Track) -> Track:
     [
         ('r', times(-1.0), 'yaw_rate is turned'),
         ('ay', times(-1.0), 'lateral_acceleration is turned'),
-        ('angle', times(-1.0), 'all signals are turned against the steering'),
+        ('angle', times(-1.0), 'all signals have the wrong sign for this steering'),
         ('ay', late(0.3), 'lateral_acceleration is 0.[23]. s late'),
         ('r', late(-0.3), 'yaw_rate is 0.[23]. s early'),
         ('angle', late(-0.3), 'all signals come 0.[23]. s after the steering'),

@@ -56,7 +56,7 @@ def test_nothing_is_told_of_a_good_drive() -> None:
     ('fault', 'sentence'),
     [
         ({'factor': -1.0, 'only': 'yaw_rate'}, 'yaw_rate is turned'),
-        ({'factor': -1.0}, 'all signals are turned against the steering'),
+        ({'factor': -1.0}, 'all signals have the wrong sign for this steering'),
         ({'delay': lambda t: 0.3, 'only': 'yaw_rate'}, 'yaw_rate is 0.30 s late'),
         ({'delay': lambda t: -0.3, 'only': 'yaw_rate'}, 'yaw_rate is 0.30 s early'),
         ({'delay': lambda t: 0.3}, 'all signals come 0.30 s after the steering'),
