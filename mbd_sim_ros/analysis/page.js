@@ -38,7 +38,7 @@ class Chart {
   constructor(item, parent) {
     this.item = item;
     let x = null;  // curves over the same x have it once
-    this.curves = item.curves.map(c => { x = floats(c.x) || x; return { ...c, x, y: floats(c.y, c.offset), high: floats(c.high, c.offset), shown: c.shown !== false }; });
+    this.curves = item.curves.map(c => { x = floats(c.x, c.start) || x; return { ...c, x, y: floats(c.y, c.offset), high: floats(c.high, c.offset), shown: c.shown !== false }; });
     if (item.log) for (const c of this.curves) { c.x = Array.from(c.x, Math.log10); c.y = Array.from(c.y, Math.log10); }
     this.figure = make('figure', null, parent);
     const caption = make('figcaption', null, this.figure);
@@ -172,7 +172,8 @@ class Chart {
   tell(u) {
     if (u.cursor.left < 0) { this.read.textContent = ''; return; }
     const x = u.posToVal(u.cursor.left, 'x'), y = u.posToVal(u.cursor.top, 'y'), parts = [];
-    const { min, max } = u.scales.y, digits = Math.max(5, Math.min(14, Math.ceil(3 + Math.log10(Math.max(Math.abs(min), Math.abs(max)) / (max - min)))));
+    const needed = (scale, least) => { const { min, max } = u.scales[scale]; return Math.max(least, Math.min(14, Math.ceil(3 + Math.log10(Math.max(Math.abs(min), Math.abs(max)) / (max - min))))); };
+    const digits = needed('y', 5), origin = this.item.origin || 0;
     const labelled = this.curves.filter(c => c.shown && c.labels);
     if (labelled.length) {  // the point next to the pointer, with its label
       let best = Infinity, text = '';
@@ -196,7 +197,7 @@ class Chart {
         parts.push((c.name ? c.name + ' ' : '') + '(' + short(c.x[k], 5) + ', ' + short(c.y[k], digits) + ')');
       }
     }
-    this.read.textContent = this.item.x.replace(/ \[.*/, '') + ' ' + short(x + (this.item.origin || 0), 7) + '   ' + parts.slice(0, 8).join('   ');
+    this.read.textContent = this.item.x.replace(/ \[.*/, '') + ' ' + (origin ? (x + origin).toFixed(Math.max(0, Math.min(9, Math.ceil(3 - Math.log10(u.scales.x.max - u.scales.x.min))))) : short(x, needed('x', 7))) + '   ' + parts.slice(0, 8).join('   ');
   }
   // all that is seen, as lines and texts of a picture of 720 to 360 points
   picture() {
@@ -410,7 +411,7 @@ function channels(block, parent) {
     if (on && !shown.has(name)) {
       const c = block.channels[name];
       shown.set(name, chart({ title: name, x: 'time [s]', y: c.label, linked: 'time', origin: block.origin || 0,
-        curves: c.runs.map((r, i) => r && { name: block.runs.length > 1 ? block.runs[i] : '', style: 'run', colour: block.runs.length > 1 ? i : 1, x: r[0], y: r[1], offset: r[2] }).filter(Boolean) }, grid));
+        curves: c.runs.map((r, i) => r && { name: block.runs.length > 1 ? block.runs[i] : '', style: 'run', colour: block.runs.length > 1 ? i : 1, x: r[0], start: block.start, y: r[1], offset: r[2] }).filter(Boolean) }, grid));
     } else if (!on && shown.has(name)) {
       const c = shown.get(name);
       c.figure.remove(); charts.splice(charts.indexOf(c), 1); shown.delete(name);

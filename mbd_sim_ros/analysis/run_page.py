@@ -71,7 +71,7 @@ def channels(found: Sequence[Run], names: Sequence[str]) -> list[Block]:
             values = np.asarray(one.columns[name], float)
             keep = thinned(points, values)
             offset = offset_of(values)
-            time = (one.time_ns * 1e-9 - origin)[keep]
+            time = (one.time_ns * 1e-9 - first)[keep]  # of 32 bits, to 6e-8 of the duration
             of.append([pages.floats(time), pages.floats(values[keep] - offset), offset])
         data[name] = {'label': f'{name.rpartition("/")[2]} [{unit(name)}]' if unit(name) else name, 'runs': of}
     chosen = [name for name in CHOSEN if name in data] or kept[:FEW]
@@ -81,6 +81,7 @@ def channels(found: Sequence[Run], names: Sequence[str]) -> list[Block]:
         'channels': data,
         'chosen': chosen,
         'origin': origin,
+        'start': first - origin,
     }
     left = len(known) - len(kept)
     more = [pages.text(f'{left} more channels are in the recording: mbd export writes all of them.', soft=True)]

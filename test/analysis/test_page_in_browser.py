@@ -241,6 +241,24 @@ def test_small_swings_are_drawn_without_stairs_and_their_numbers_stand_clear(
         assert seen['saved'] >= 17.0  # where the label ends in the picture that is saved
 
 
+@pytest.mark.parametrize('start', [0, 123, 9990, 200_000, 1_700_000_000])
+def test_stamps_stay_sharp_wherever_a_recording_begins(start: int, tmp_path: Path) -> None:
+    """At 1 kHz, and what the pointer says of one: stamps that a 32-bit float would round to a millisecond, or to two
+    minutes."""
+    n = 2001
+    found = run(n=n, h_ns=1_000_000, start_ns=start * 10**9, total=np.sin)
+    pages.Page(title='x', blocks=run_page.channels([found], ['run'])).write(tmp_path / 'p.html')
+    probe = """(() => {
+        const c = page.charts[0], origin = c.item.origin || 0;
+        page.show(c, [start - origin + 0.5, start - origin + 0.51]);
+        c.u.setCursor({ left: c.u.valToPos(start - origin + 0.507, 'x'), top: 20 });
+        return { x: Array.from(c.curves[0].x, x => x + origin - start), read: c.read.textContent };
+    })()""".replace('start', str(start))
+    seen = opened(tmp_path / 'p.html', SIZES[0], probe, ready='page.charts.some(c => c.u)')
+    np.testing.assert_allclose(seen['x'], 1e-3 * np.arange(n), atol=2e-7 + 2.0**-52 * start)
+    assert float(re.search(r'time (\S+)', seen['read'])[1]) - start == pytest.approx(0.507, abs=2e-4)  # type: ignore[index]
+
+
 def test_cells_keep_to_their_columns_and_numbers_stand_below_numbers(tmp_path: Path) -> None:
     """A name without a gap ends in its column; a number among values with units stands as they do, to the left."""
     name = 'element_states/upper_front_link_of_the_rear_axle_right_inner_bushing/energy'
