@@ -64,8 +64,8 @@ class Inputs:
         self.t = self.dt * np.arange(self.chunks + 1)  # from the begin of the window
         half = SMOOTHER * car.size.time
         names = drive.road_wheel or (drive.steering_wheel,)
-        given = [Track(one.t, drive.angle(one.y)) for one in (data.tracks[name] for name in names)]
-        tracks = [_smoothed(one, half) for one in given]
+        given = [_straight(data.tracks[name], half) for name in names]
+        tracks = [_smoothed(Track(one.t, drive.angle(one.y)), half) for one in given]
         grid = tracks[0].t
         angle = np.mean([np.interp(grid, one.t, one.y) for one in tracks], axis=0)
         self._steering = _spline(grid, angle)
@@ -176,6 +176,15 @@ def _wheels(simulation: Simulation) -> Callable[[Snapshot], np.ndarray]:
     names = simulation.channels.joints
     joints = [names.index(f'wheel_{corner}') for corner in CORNERS]
     return lambda shot: shot.joint_velocity[joints]
+
+
+def _straight(track: Track, half: float) -> Track:
+    """A signal that was held between its own samples as straight lines between these, at every half of `half` [s]: a
+    wheel that is turned moves between them too. Another one stays."""
+    if not track.held:
+        return track
+    t = np.arange(float(track.t[0]), float(track.t[-1]), 0.5 * half)
+    return Track(t, np.interp(t, track.t, track.y))
 
 
 def _smoothed(track: Track, half: float) -> Track:

@@ -88,7 +88,8 @@ class Problem:
             if not place.exists():
                 raise BagError(f'recordings.{name}.file = {one.file}: no such file or directory beside the fit')
             names = one.mapping or file.mapping
-            found.append(recordings.load(name, one, place, self.home / names if names else None, needed))
+            file_of_names = self.home / names if names else None
+            found.append(recordings.load(name, one, place, file_of_names, needed, self.car.size.time))
         return found
 
     def require_enough(self) -> None:

@@ -3,6 +3,7 @@ out and why."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,16 +18,23 @@ from solver.errors import BagError
 GAP = 0.25  # s without a sample of an input that ends a stretch; of ten times as much the car would go on blindly
 STUCK = 2.0  # s for which a signal that otherwise changes keeps its value; ten times as much passes a sensor that froze
 POSE = ('x', 'y', 'yaw')  # of a motion capture: their rates are signals too
-SMOOTH = 0.08  # s: half width of the quadratic fits that differentiate a pose; ten times as much loses the motion
+# s, of a passenger car: half width of the quadratic fits that differentiate a pose; ten times as much loses the motion
+SMOOTH = 0.08
+# s: longest time for which a signal is taken to be held between samples of its own, as a command that comes ten times a
+# second in rows of a hundred; of ten times as much steps that are meant become ramps
+HELD = 0.25
+LEAST_CHANGES = 10  # of a signal, from which it tells how long it is held; of one any step would
 AT_ONCE = 1_000_000  # samples of such fits at once; ten times as many take 400 MB
 
 
 @dataclass(frozen=True)
 class Track:
-    """A signal at its own instants: t [s] from the first stamp of the recording, y in SI units."""
+    """A signal at its own instants: t [s] from the first stamp of the recording, y in SI units. held: whether it was
+    repeated between them."""
 
     t: np.ndarray
     y: np.ndarray
+    held: bool = False
 
 
 @dataclass
@@ -55,8 +63,11 @@ class Window:
     last: float
 
 
-def load(name: str, given: Recording, file: Path, map_file: Path | None, needed: Sequence[str]) -> Data:
-    """Read a recording. needed: its signals, under our names. Raises BagError and SceneError."""
+def load(
+    name: str, given: Recording, file: Path, map_file: Path | None, needed: Sequence[str], time: float = 1.0
+) -> Data:
+    """Read a recording. needed: its signals, under our names. time: of the vehicle beside a passenger car. Raises
+    BagError and SceneError."""
     channels = mapping.load_mapping(map_file) if map_file is not None else None
     sources = dict(channels.channels) if channels is not None else {}
     axes = channels.axes if channels is not None else ()
@@ -82,7 +93,7 @@ def load(name: str, given: Recording, file: Path, map_file: Path | None, needed:
                     told.append(f'{name}: {column}: {lost} of {values.size} samples are no number')
             if keep.sum() >= 2:
                 tracks[column] = Track(t[keep], np.asarray(values, float)[keep])
-    tracks |= _rates(tracks)
+    tracks |= _rates(tracks, SMOOTH * time)
     for column in needed:
         if column not in tracks:
             where = nearest(column, [*run.names, *tracks])
@@ -95,11 +106,34 @@ def load(name: str, given: Recording, file: Path, map_file: Path | None, needed:
                 f'{file}: recording {name!r}: {column} has the same value {value:g} all the time, so it tells nothing; '
                 'name another column, or remove it'
             )
-    return Data(name, given.use, {column: tracks[column] for column in needed}, told)
+    return Data(name, given.use, {column: own_samples(tracks[column]) for column in needed}, told)
 
 
-def _rates(tracks: dict[str, Track]) -> dict[str, Track]:
-    """Velocities in the body and yaw rate of a pose x, y, yaw, by quadratics over 2 SMOOTH."""
+def own_samples(track: Track) -> Track:
+    """A signal without the samples that repeat the last one until the next comes: it has no more than its own.
+
+    It is held where it changes at every third sample at most, at times within HELD, and by its own clock: after one
+    or more of its periods, to a quarter. Where it stays as it is, samples of its own had the same value.
+    """
+    changes = np.flatnonzero(np.diff(track.y) != 0.0) + 1
+    if changes.size < LEAST_CHANGES:
+        return track
+    times, samples = np.diff(track.t[changes]), np.diff(changes)
+    often = float(np.quantile(samples, 0.1))
+    period = float(np.median(times[samples <= 1.5 * often]))
+    part = times / period - np.round(times / period)
+    if often < 3.0 or period > HELD or float(np.mean(np.abs(part) < 0.25)) < 0.9:
+        return track
+    keep = []
+    for a, b in itertools.pairwise([0, *changes, track.t.size - 1]):
+        count = max(round(float(track.t[b] - track.t[a]) / period), 1)
+        keep.append(np.searchsorted(track.t, np.linspace(track.t[a], track.t[b], count, endpoint=False) - 1e-9))
+    own = np.unique(np.concatenate(keep))
+    return Track(track.t[own], track.y[own], held=True)
+
+
+def _rates(tracks: dict[str, Track], half: float) -> dict[str, Track]:
+    """Velocities in the body and yaw rate of a pose x, y, yaw, by quadratics over 2 `half` [s]."""
     named = {name: next((c for c in (f'pose/{name}', f'odom/pose/{name}', name) if c in tracks), None) for name in POSE}
     if None in named.values():
         return {}
@@ -109,7 +143,7 @@ def _rates(tracks: dict[str, Track]) -> dict[str, Track]:
     new = np.concatenate([[True], np.diff(x.t) > 1e-6])
     t = x.t[new]
     heading = np.unwrap(yaw.y[new])
-    dx, dy, r = (_slopes(t, v) for v in (x.y[new], y.y[new], heading))
+    dx, dy, r = (_slopes(t, v, half) for v in (x.y[new], y.y[new], heading))
     c, s = np.cos(heading), np.sin(heading)
     vx, vy = c * dx + s * dy, -s * dx + c * dy
     return {
@@ -117,13 +151,14 @@ def _rates(tracks: dict[str, Track]) -> dict[str, Track]:
     }  # fmt: skip
 
 
-def _slopes(t: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Slopes of quadratics through the samples within SMOOTH around each one: of fewer than four, between neighbours.
+def _slopes(t: np.ndarray, y: np.ndarray, half: float) -> np.ndarray:
+    """Slopes of quadratics through the samples within `half` [s] around each one: of fewer than four, between
+    neighbours.
 
     Every quadratic has its own sums, of times from its own instant: differences of sums over a whole drive lose all
     digits of the fourth powers within a minute.
     """
-    low, high = np.searchsorted(t, t - SMOOTH), np.searchsorted(t, t + SMOOTH, side='right')
+    low, high = np.searchsorted(t, t - half), np.searchsorted(t, t + half, side='right')
     at = np.clip(np.arange(t.size), 1, t.size - 2)
     result = (y[at + 1] - y[at - 1]) / (t[at + 1] - t[at - 1])
     for some in np.array_split(np.flatnonzero(high - low >= 4), max(1, int((high - low).sum() / AT_ONCE))):
@@ -132,11 +167,11 @@ def _slopes(t: np.ndarray, y: np.ndarray) -> np.ndarray:
         columns = low[some, None] + np.arange(int((high - low)[some].max()))
         there = columns < high[some, None]
         columns = np.minimum(columns, t.size - 1)
-        u = (t[columns] - t[some, None]) / SMOOTH
+        u = (t[columns] - t[some, None]) / half
         powers = np.where(there[:, :, None], u[:, :, None] ** np.arange(3), 0.0)
         normal = np.einsum('nki,nkj->nij', powers, powers)
         moments = np.einsum('nki,nk->ni', powers, y[columns] - y[some, None])
-        result[some] = np.linalg.solve(normal, moments[:, :, None])[:, 1, 0] / SMOOTH
+        result[some] = np.linalg.solve(normal, moments[:, :, None])[:, 1, 0] / half
     return result
 
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from mbd_sim_ros.fitting import recordings
+from mbd_sim_ros.fitting import driving, recordings
 from mbd_sim_ros.fitting.car import Car
 from mbd_sim_ros.fitting.driving import Inputs, Steering, _lagged, drive
 from mbd_sim_ros.fitting.file import Drive, Known, Like, Recording, Windows, load_file, number_of, sd_of
@@ -105,8 +105,57 @@ def test_velocities_of_a_long_drive() -> None:
         t = np.arange(round(seconds * rate)) / rate
         t = t[(t % 7.0 > 0.5) | (t < 1.0)]
         t = t + 1e-3 * np.sin(31.0 * t)
-        found = recordings._slopes(t, 3.0 - 2.0 * t + 0.01 * t * t)
+        found = recordings._slopes(t, 3.0 - 2.0 * t + 0.01 * t * t, 0.08)
         assert np.abs(found - (0.02 * t - 2.0)).max() < 1e-9 * seconds
+
+
+def rows_of(at: np.ndarray, values: np.ndarray, t: np.ndarray) -> Track:
+    """A signal with own samples at times, in rows at other times t that repeat the last one."""
+    return Track(t, values[np.clip(np.searchsorted(at, t, side='right') - 1, 0, None)])
+
+
+def test_own_samples_of_a_held_signal() -> None:
+    """A command that comes ten times a second in rows of a hundred has its own samples, also where it stays as it is,
+    and is steered along straight lines between them; its clock may shake."""
+    random, t = np.random.default_rng(2), 0.01 * np.arange(6001)
+    at = 0.1 * np.arange(600) + 0.003 * random.standard_normal(600).clip(-2.0, 2.0)
+    values = np.clip(np.round(np.sin(0.7 * at) + 0.5 * np.sin(2.3 * at), 2), -0.9, 0.9)
+    found = recordings.own_samples(rows_of(at, values, t))
+    assert found.held
+    assert abs(found.t.size - at.size) <= 0.02 * at.size
+    assert np.diff(found.t).max() < 0.15  # where the command is at its end for seconds too
+    away = np.abs(found.t[:, None] - at[None, :]).min(axis=1)
+    assert away.max() < 0.025  # the first row behind, or one beside it where nothing changes
+    line = driving._straight(found, 0.02)
+    assert np.abs(line.y - np.interp(line.t, at, values)).max() < 0.05 < np.abs(np.diff(values)).max()
+
+
+@pytest.mark.parametrize(
+    'values',
+    [
+        np.sin(0.01 * np.arange(6001)),  # every row has its own
+        np.where(np.arange(6001) // 200 % 2 == 0, 0.1, -0.1),  # steps that are meant, every 2 s
+        np.round(3.0 * np.sin(0.01 * np.arange(6001)), 1),  # an encoder of few steps: held for as long as it takes
+        np.where(np.arange(6001) > 700, 0.3, 0.0),  # one step
+    ],
+    ids=['own', 'steps', 'encoder', 'step'],
+)
+def test_signals_that_are_not_held(values: np.ndarray) -> None:
+    track = Track(0.01 * np.arange(6001), values)
+    assert recordings.own_samples(track) is track
+
+
+@pytest.mark.parametrize('time', [1.0, 0.25])
+def test_velocities_of_a_pose_of_a_small_car(time: float) -> None:
+    """A quadratic over 2h shows of a yaw rate that swings with the frequency w the part 3 (sin wh - wh cos wh)/(wh)^3,
+    1 - (wh)^2/10 to the fourth order: h shrinks with the time of the vehicle, so that similar cars turn alike."""
+    t = 0.002 * np.arange(5001)
+    w = 10.0 / time
+    pose = {'x': Track(t, t), 'y': Track(t, 0.0 * t), 'yaw': Track(t, np.sin(w * t) / w)}
+    found = recordings._rates(pose, recordings.SMOOTH * time)['pose/yaw_rate'].y
+    part = float(found[500:-500] @ np.cos(w * t[500:-500]) / np.sum(np.cos(w * t[500:-500]) ** 2))
+    z = w * recordings.SMOOTH * time
+    assert part == pytest.approx(3.0 * (math.sin(z) - z * math.cos(z)) / z**3, abs=0.02)  # a sample of the edge
 
 
 def test_sensor_with_a_lever_arm() -> None:
