@@ -31,6 +31,7 @@ STEERING = 0.5  # rad of the road wheels to either side; ten times as much is mo
 FORCE = 3000.0  # N at the contact patch; ten times as much is more than any tire transmits
 MOMENT = 100.0  # N m about the vertical; ten times as much is beyond any tire
 POINTS = 41  # of a sweep; ten times as many take half a minute and look the same
+DECIMALS = 9  # of numbers in SI that are drawn; with ten times as many the rounding of the bench, 1e-13 m, is a curve
 FEWEST, MOST = 3, 1001  # points
 QUANTITIES = {  # quantity of a corner -> (SI unit, text)
     'toe': ('rad', 'toe (in: positive)'),
@@ -215,7 +216,9 @@ def write_page(bench: Bench, file: Path, title: str, facts: Sequence[tuple[str, 
             unit, text = QUANTITIES[name]
             y_label, fy = _people(name.replace('_', ' '), unit)
             curves = [
-                pages.curve(c.replace('_', ' '), fx * sweep.x, fy * found[name], colour=k, dash=k % 2)
+                pages.curve(
+                    c.replace('_', ' '), fx * sweep.x, fy * np.round(found[name], DECIMALS), colour=k, dash=k % 2
+                )
                 for k, (c, found) in enumerate(sweep.corners.items())
             ]
             drawn.append(pages.chart(text, x_label, y_label, curves, linked=sweep.name))
@@ -223,7 +226,7 @@ def write_page(bench: Bench, file: Path, title: str, facts: Sequence[tuple[str, 
             unit, text, _ = next(of[name] for of in sweep.axles.values() if name in of)
             y_label, fy = _people(text, unit)
             curves = [
-                pages.curve(axle, fx * sweep.x, fy * of[name][2], colour=2 * k)
+                pages.curve(axle, fx * sweep.x, fy * np.round(of[name][2], DECIMALS), colour=2 * k)
                 for k, (axle, of) in enumerate(sweep.axles.items())
                 if name in of
             ]

@@ -15,6 +15,7 @@ const colourOf = c => css(c.colour === undefined || c.colour === null ? (STYLES[
 const widthOf = c => c.width || (STYLES[c.style] || [0, 1.6])[1] || 1.6;
 const dashOf = c => c.dash !== undefined && c.dash !== null ? LINES[c.dash % 4] : (STYLES[c.style] || [])[2] || [];
 const isDots = c => c.style === 'points' || c.style === 'cloud' || Boolean(c.points);
+const radiusOf = c => c.points || (c.style === 'cloud' ? 1.3 : 3.5);
 // what is found in the light theme, for pictures that are saved
 const light = c => { const theme = document.documentElement.dataset.theme; document.documentElement.dataset.theme = 'light'; const found = c(); document.documentElement.dataset.theme = theme; return found; };
 // about so many round values of a scale in decades, and what to write at them; low, high, values: their logarithms
@@ -33,6 +34,9 @@ const charts = [];
 const FONT = '11.5px system-ui, sans-serif';  // of numbers at scales
 const pen = document.createElement('canvas').getContext('2d');
 const widest = (texts, font) => { pen.font = font; return Math.max(...texts.map(t => pen.measureText(t).width), 0); };
+const cut = (text, width) => { while (text.length > 3 && widest([text], FONT) > width) text = text.slice(0, -3).trimEnd() + '..'; return text; };
+// a label that is no wider than its place, with its unit
+const shortened = (text, width) => { const unit = (/ \[[^\]]*\]$/.exec(text) || [''])[0]; return cut(text.slice(0, text.length - unit.length), width - widest([unit], FONT)) + unit; };
 
 class Chart {
   constructor(item, parent) {
@@ -106,15 +110,16 @@ class Chart {
       c.line.style.borderTopColor = colourOf(c);
       c.line.style.borderTopStyle = dashOf(c).length ? (dashOf(c)[0] < 4 ? 'dotted' : 'dashed') : 'solid';
       if (c.style === 'band') c.line.style.borderTopWidth = '10px';
+      if (isDots(c)) { c.line.className = 'dot'; c.line.style.borderWidth = Math.max(2 * radiusOf(c), 3) / 2 + 'px'; c.line.style.borderColor = colourOf(c); }
     }
     const limits = u => this.equalised(Math.max(u.bbox.width, 10) / devicePixelRatio, Math.max(u.bbox.height, 10) / devicePixelRatio);
     const scale = this.item.log ? decades : ticks, axis = (label, size) => ({ stroke: ink, grid: { stroke: faint, width: 1 }, ticks: { stroke: faint, width: 1 }, label, labelSize: 20, labelFont: '12px system-ui, sans-serif', font: FONT, size,
       splits: (u, i, low, high, step) => scale(low, high, (i ? u.bbox.height / 34 : u.bbox.width / 84) / devicePixelRatio).values,
       values: (u, at, i) => { const t = scale(i ? u.scales.y.min : u.scales.x.min, i ? u.scales.y.max : u.scales.x.max, (i ? u.bbox.height / 34 : u.bbox.width / 84) / devicePixelRatio); return t.texts; } });
     this.u = new uPlot({
-      mode: 2, width: W, height: H, legend: { show: false }, padding: [8, 10, 0, 0],
+      mode: 2, width: W, height: H, legend: { show: false }, padding: [8, 20, 0, 0],
       scales: { x: { time: false, auto: false, range: u => limits(u).slice(0, 2) }, y: { time: false, auto: false, range: u => limits(u).slice(2) } },
-      axes: [axis(this.item.x, 34), axis(this.item.y, (u, texts) => Math.max(60, 18 + Math.ceil(widest(texts || [], FONT))))],  // 18: mark, gap, rest
+      axes: [axis(this.item.x, 34), axis(shortened(this.item.y, (H - 66) * 11.5 / 12), (u, texts) => Math.max(60, 18 + Math.ceil(widest(texts || [], FONT))))],  // 18: mark, gap, rest
       cursor: { points: { show: false }, dataIdx: () => null, drag: { x: true, y: true, uni: 24, setScale: false }, bind: { dblclick: () => () => show(this, null) } },
       series: [null, ...this.curves.map(c => ({ facets: [{ scale: 'x', auto: false }, { scale: 'y', auto: false }], points: { show: false }, show: true,
         stroke: () => colourOf(c), fill: () => colourOf(c), width: c.style === 'band' ? 0 : widthOf(c), dash: dashOf(c), paths: u => this.path(u, c) }))],
@@ -138,7 +143,7 @@ class Chart {
     const { min: a, max: b } = u.scales.x, { min: lo, max: hi } = u.scales.y, m = u.bbox;
     const X = v => m.left + (v - a) / (b - a) * m.width, Y = v => m.top + m.height - (v - lo) / (hi - lo) * m.height, path = new Path2D();
     if (isDots(c)) {
-      const r = (c.points || (c.style === 'cloud' ? 1.3 : 3.5)) * devicePixelRatio;
+      const r = radiusOf(c) * devicePixelRatio;
       for (let i = 0; i < c.x.length; i++) if (isFinite(c.y[i])) { path.moveTo(X(c.x[i]) + r, Y(c.y[i])); path.arc(X(c.x[i]), Y(c.y[i]), r, 0, 7); }
       return { stroke: null, fill: path, flags: 0 };
     }
@@ -306,7 +311,6 @@ function drawing(b, parent, parts, series = []) {
   build();
 }
 const corners = (x, y, w, h) => [[x, y], [x + w, y], [x + w, y + h], [x, y + h]];
-const cut = (text, width) => { while (text.length > 3 && widest([text], FONT) > width) text = text.slice(0, -3).trimEnd() + '..'; return text; };
 // bars of rows, a series behind the other; a limit is a line across
 function bars(b, parent) {
   drawing(b, parent, w => {
@@ -382,7 +386,7 @@ function table(block, parent) {
     lines.push([row, tr]);
   });
   if (named) block.columns.forEach((name, k) => {
-    const th = make('th', name, head);
+    const th = make('th', name, head, right[k] ? 'right' : '');
     th.tabIndex = 0;
     const sort = () => {
       const up = th.getAttribute('aria-sort') === 'ascending';

@@ -137,7 +137,11 @@ def rows_of(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, Any
     rows.append(('error', data['error_text']))
     if data['reactions_text']:
         rows.append(('reactions', data['reactions_text']))
-    rows += [(key.replace('_', ' '), _shown(data[key], form)) for key, form in FIGURES.items() if key in data]
+    rows += [
+        (key.removesuffix('_us').replace('_', ' '), _shown(data[key], form))  # the value has its unit
+        for key, form in FIGURES.items()
+        if key in data
+    ]
     if data['rejected']:
         tried = f'{data["rejected"]} attempts at a step failed or were too inaccurate'
         rows.append(('rescue', f'{tried}; the smallest step was {data["smallest_step"]:.3g} s'))

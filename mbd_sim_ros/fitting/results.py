@@ -232,9 +232,9 @@ def _curves(fitted: Fitted) -> list[pages.Block]:
             band = 1.96 * np.hypot(np.hypot(fitted.noise[name].noise, fitted.noise[name].size), spread[k])
             curves = [
                 pages.curve('95 % band', t, after[k] - band, high=after[k] + band, style='band'),
+                pages.curve('measured', t, p.y, style='reference', width=2.4),
                 pages.curve('before', t, before[k], style='other', dash=2),
-                pages.curve('predicted', t, after[k], style='run'),
-                pages.curve('measured', t, p.y, style='reference'),
+                pages.curve('predicted', t, after[k], style='run', dash=1),
             ]
             title = f'{name}, {window.recording} from {window.first:.1f} s'
             found.append(pages.chart(title, 'time [s]', f'{name} [{_unit(fitted, name)}]', curves))

@@ -81,6 +81,7 @@ def test_curves_of_variants_lie_over_each_other(tmp_path: Path) -> None:
     ]  # fmt: skip
     assert numbers(chart['curves'][2]['y']).max() == pytest.approx(90.0 / math.pi, rel=1e-6)
     assert blocks_of(data, 'table')[0]['columns'] == ['figure', 'unit', 'base', 'stiff', 'difference']
+    assert [part['title'][:6] for part in blocks_of(data, 'part')] == ['base: ', 'stiff:']
     assert all(not part['open'] for part in blocks_of(data, 'part'))
 
 

@@ -241,6 +241,32 @@ def test_small_swings_are_drawn_without_stairs_and_their_numbers_stand_clear(
         assert seen['saved'] >= 17.0  # where the label ends in the picture that is saved
 
 
+def test_labels_and_numbers_of_scales_are_not_cut(tmp_path: Path) -> None:
+    """A long label is shortened and keeps its unit; the last number of x has room beyond the scale; heads of numbers
+    stand above them; a dot in the legend is as large as those of its curve."""
+    label = 'lateral acceleration per steering-wheel angle of the road wheels [m/s^2/deg]'
+    x = np.linspace(-3000.0, 3000.0, 5)
+    curves = [pages.curve('line', x, x), pages.curve('dots', x, -x, points=6)]
+    rows = [('name', 'size'), ('a', '12.5'), ('b', '7')]
+    page = pages.Page(
+        title='x', blocks=[pages.table(rows), pages.charts([pages.chart('one', 'force [N]', label, curves)])]
+    )
+    page.write(tmp_path / 'p.html')
+    probe = """(() => {
+        const u = page.charts[0].u, g = document.createElement('canvas').getContext('2d'), dpr = devicePixelRatio, texts = u.axes[0]._values;
+        g.font = '12px system-ui, sans-serif';
+        const tall = g.measureText(u.axes[1].label).width; g.font = '11.5px system-ui, sans-serif';
+        return { label: u.axes[1].label, free: u.bbox.height / dpr - tall,
+            right: u.width - (u.bbox.left + u.bbox.width) / dpr - 0.5 * g.measureText(texts[texts.length - 1]).width,
+            heads: Array.from(document.querySelectorAll('th'), e => getComputedStyle(e).textAlign), dot: document.querySelector('i.dot').offsetWidth };
+    })()"""  # noqa: E501
+    for size in SIZES:
+        seen = opened(tmp_path / 'p.html', size, probe, ready='page.charts.some(c => c.u)')
+        assert seen['label'].startswith('lateral acc') and seen['label'].endswith('.. [m/s^2/deg]')
+        assert seen['free'] >= 0.0 and seen['right'] >= 0.0
+        assert seen['heads'] == ['left', 'right'] and seen['dot'] == 12
+
+
 @pytest.mark.parametrize('start', [0, 123, 9990, 200_000, 1_700_000_000])
 def test_stamps_stay_sharp_wherever_a_recording_begins(start: int, tmp_path: Path) -> None:
     """At 1 kHz, and what the pointer says of one: stamps that a 32-bit float would round to a millisecond, or to two

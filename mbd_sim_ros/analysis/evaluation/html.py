@@ -32,7 +32,8 @@ def write_page(
     about: lines at its head. facts: what the recordings are of. passed: overall verdict, None if nothing was judged.
     together: title -> figures of a whole series of runs. Raises BagError if the file cannot be written.
     """
-    results = [r for variant in of for r in variant.results]
+    named = [(f'{variant.name}: ' if len(of) > 1 else '', r) for variant in of for r in variant.results]
+    results = [r for _, r in named]
     overlaid: dict[str, tuple[list[Variant], tuple[Chart, ...]]] = {}
     for name in dict.fromkeys(r.evaluation for r in results):
         having = [variant for variant in of if variant.of(name)]
@@ -51,7 +52,7 @@ def write_page(
         head = ('figure', 'value', 'unit', 'limit', 'verdict')
         blocks += [pages.heading(name), pages.table([head, *(_row(f) for f in figures)])]
     blocks.append(pages.heading('Recordings'))
-    for k, r in enumerate(results):
+    for k, (whose, r) in enumerate(named):
         verdict = {True: ': pass', False: ': FAIL', None: ''}[r.passed]
         parameters = ', '.join(f'{key} {value:g}' for key, value in r.parameters.items() if value is not None)
         part = [
@@ -61,7 +62,7 @@ def write_page(
         part += [pages.text(*(f'Note: {note}' for note in r.notes))] if r.notes else []
         part.append(pages.charts([_chart(one, points, str(k)) for one in r.charts]))
         is_open = len(results) <= OPEN and not overlaid
-        blocks.append(pages.part(f'{r.title}{_amplitude(r)}{verdict}', part, is_open=is_open))
+        blocks.append(pages.part(f'{whose}{r.title}{_amplitude(r)}{verdict}', part, is_open=is_open))
     Page(title=title, verdict=sentence(results), ok=passed, about=about, facts=facts, blocks=blocks).write(file)
 
 
