@@ -2,7 +2,8 @@
 
 Nothing that a page does makes the simulation wait. The newest picture replaces the one before; a page that has not
 taken WINDOW of them gets none until it has, and how many it missed is counted. A page that says more than it should is
-read no faster than one message in READ seconds. One page is at the wheel; when it goes, or says nothing, all is let go.
+read no faster than one message in READ seconds; what it said is still read when it has gone, and holds nothing. One
+page is at the wheel; when it goes, says nothing, or takes no pictures, all is let go.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import os
 import secrets
 import socket
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from http import HTTPStatus
@@ -33,6 +35,7 @@ from solver.errors import MbdError
 
 MOST = 16  # pages at once; ten times as many would take the processor from the simulation
 WINDOW = 4  # pictures that a page may owe: at 60 a second their age stays below 70 ms; ten times as many, half a second
+BEHIND = 2.0  # s without taking a picture after which a page holds nothing; ten times as long, and the dead drive on
 READ = 0.002  # s between two messages of a page, which sends 70 a second; ten times as much makes keys late
 LONGEST = 2048  # bytes of a message of a page, which has 200; ten times as many are no harm yet
 TOLD = 0.5  # s between two accounts of how it goes; ten times as much, and a page does not know who drives
@@ -57,13 +60,14 @@ class Desk(Protocol):
 
 
 class _Page:
-    """One page that looks. sent: number of the picture that was sent last; owed: of those that it has not taken."""
+    """One page that looks. sent: number of the picture that was sent last; owed: of those that it has not taken, and
+    when they were sent (time.monotonic())."""
 
     def __init__(self, connection: ServerConnection) -> None:
         self.connection = connection
         self.wake = asyncio.Event()
         self.sent = self.dropped = 0
-        self.owed: deque[int] = deque()
+        self.owed: deque[tuple[int, float]] = deque()
         self.ground = ''
         self.news = True
 
@@ -240,7 +244,7 @@ class Server:
                     page.dropped += missed
                     self.dropped += missed
                     page.sent = number
-                    page.owed.append(number)
+                    page.owed.append((number, time.monotonic()))
                     await page.connection.send(number.to_bytes(8, 'little') + picture)
 
     def _account(self, page: _Page) -> dict[str, Any]:
@@ -261,7 +265,7 @@ class Server:
             if not isinstance(said, dict):
                 raise ValueError('must be an object')
             if isinstance(seen := said.get('seen'), int):
-                while page.owed and page.owed[0] <= seen:
+                while page.owed and page.owed[0][0] <= seen:
                     page.owed.popleft()
                 page.wake.set()
             action = said.get('do')
@@ -277,7 +281,9 @@ class Server:
                 self.desk.act(action, 1 if said.get('by', 1) == 1 else -1)
                 self._announce()
             elif action is None:
-                self.desk.hold(held_of(said))
+                held = held_of(said)
+                if not page.owed or time.monotonic() - page.owed[0][1] < BEHIND:
+                    self.desk.hold(held)
             elif action != 'take':
                 raise ValueError(f'do = {action!r}')
         except (ValueError, RecursionError):
