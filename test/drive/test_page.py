@@ -5,16 +5,19 @@ from __future__ import annotations
 
 import json
 import math
+import random
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from browser import CHROMIUM, SOFTWARE_WEBGL, Browser, Tab
+from faults import COUNT, SEED, UNWANTED
 from page_client import address_in
 from processes import Process
 
@@ -128,6 +131,85 @@ def test_keys_drive_and_what_is_let_go_is_let_go(browser: Browser, tmp_path: Pat
     said = ended(process)
     assert said['recordings'] == ['run', 'run-2'] and said['unread_messages'] == 0 and said['refused'] == 0
     tab.wait("document.body.innerText.includes('No connection')")
+    for name in said['recordings']:
+        assert main(['replay', str(tmp_path / name)]) == 0
+
+
+# what harms a page, as JavaScript within it
+FLOOD = """(() => { for (let i = 0; i < 2000 && socket.readyState === 1; i++) {
+    say({ gas: 1, left: 1, number: ++number }); say({ do: ['pause', 'resume', 'shift'][i % 3] });
+    socket.send('{'); socket.send(new Uint8Array(300)); } })()"""
+LONG_MESSAGE = "socket.readyState === 1 && socket.send('x'.repeat(100000))"  # ends the connection
+STANDSTILL = '(() => { const end = performance.now() + 800; while (performance.now() < end); })()'
+
+
+@pytest.mark.long
+def test_tabs_that_close_reload_and_flood_leave_the_drive_alive(browser: Browser, tmp_path: Path) -> None:
+    """Closed, closed in the middle of a flood, reloaded, left and come back to, cut off, at a standstill, several at a
+    time, with keys held down and resets between; MBD_FAULTS=200 for as many. The car drives on afterwards, and every
+    recording replays to the bit."""
+    process = started(tmp_path, 'handling_course', '--vehicle', 'light_car', '--out', 'run')
+    address, r = address_in(process.output), random.Random(SEED)
+    tabs = [browser.open(address)]
+    tabs[0].wait('drive.told().driving && drive.head()')
+    done: Counter[str] = Counter()
+
+    def flooded_and_closed(tab: Tab) -> None:
+        tab.value(FLOOD)
+        tab.close()
+        tabs.remove(tab)
+
+    def closed(tab: Tab) -> None:
+        tab.close()
+        tabs.remove(tab)
+
+    def left_and_back(tab: Tab) -> None:
+        tab.call('Page.navigate', url='about:blank')
+        tab.call('Page.navigate', url=address)
+
+    def reloaded_twice(tab: Tab) -> None:
+        tab.reload()
+        tab.reload()
+
+    harms: dict[str, Callable[[Tab], object]] = {
+        'closed': closed,
+        'closed in a flood': flooded_and_closed,
+        'left and back': left_and_back,
+        'reloaded': Tab.reload,
+        'reloaded twice': reloaded_twice,
+        'flood': lambda tab: tab.value(FLOOD),
+        'connection closed': lambda tab: tab.value('socket.close()'),
+        'message too long': lambda tab: tab.value(LONG_MESSAGE),
+        'standstill': lambda tab: tab.value(STANDSTILL),
+    }
+    for _ in range(COUNT or 18):
+        while not tabs or (len(tabs) < 4 and r.random() < 0.5):
+            tabs.append(browser.open(address))
+        tab = r.choice(tabs)
+        tab.wait('window.drive && drive.head() && socket.readyState === 1')
+        if r.random() < 0.5:
+            tab.value("act('take')")
+            tab.press(r.choice(['up', 'left', 'right', 'space']))
+        if r.random() < 0.04:
+            tab.value("act('reset')")
+        harm = r.choice([*harms])
+        done[harm] += 1
+        harms[harm](tab)
+        assert process.process.poll() is None, (done, process.output)
+    print(done)
+    for tab in tabs:
+        tab.close()
+    tab = browser.open(address)
+    tab.wait('drive.told().pages == 1', 120.0)  # what floods said is read to its end
+    tab.value("act('take')")
+    tab.value("act('resume')")
+    tab.value("act('reset')")
+    tab.wait('drive.told().driving && !drive.told().paused && drive.head()[0] < 1')
+    tab.press('up')
+    tab.wait('drive.head()[0] > 2 && drive.head()[3] > 2')
+    said = ended(process)
+    assert not UNWANTED.search(process.output), process.output
+    assert said['unread_messages'] > 0 and said['pages'] > (COUNT or 18) // 2
     for name in said['recordings']:
         assert main(['replay', str(tmp_path / name)]) == 0
 
