@@ -70,6 +70,9 @@ def test_keys_drive_and_what_is_let_go_is_let_go(browser: Browser, tmp_path: Pat
     tab = browser.open(address_in(process.output))
     tab.wait('drive.told().driving && drive.head()')
     assert 'Press \u2191 to drive' in tab.value('document.body.innerText')
+    for theme, wheel in (('dark', 'DARK'), ('light', 'LIGHT')):  # it turns while the page is open
+        tab.call('Emulation.setEmulatedMedia', features=[{'name': 'prefers-color-scheme', 'value': theme}])
+        tab.wait(f'COLOURS.wheel === {wheel}.wheel && INKS[0] === COLOURS.body')
     tab.press('up')
     tab.wait(f'drive.head()[{SPEED}] > 2')
     tab.press('left')
