@@ -85,9 +85,14 @@ def suggestion(name: str, known: Iterable[str], unlisted: Iterable[str] = ()) ->
     unlisted: what is allowed too, and is suggested, but not listed.
     """
     known = sorted(known)
-    close = difflib.get_close_matches(name, [*known, *unlisted], n=1)
+    close = {
+        one: difflib.SequenceMatcher(None, one, name) for one in difflib.get_close_matches(name, [*known, *unlisted])
+    }
     if close:
-        return f'; did you mean {close[0]!r}?'
+        # of those about as close, the one that has most of the name in one piece: for energy energies, not every
+        best = max(matcher.ratio() for matcher in close.values())
+        pieces = {one: m.find_longest_match().size for one, m in close.items() if m.ratio() > best - 0.05}
+        return f'; did you mean {max(pieces, key=pieces.__getitem__)!r}?'
     if not known:
         return '; none are defined'
     return '; allowed: ' + ', '.join(known[:24]) + (', ...' if len(known) > 24 else '')

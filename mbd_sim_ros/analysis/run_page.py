@@ -70,7 +70,7 @@ def channels(found: Sequence[Run], names: Sequence[str]) -> list[Block]:
                 continue
             values = np.asarray(one.columns[name], float)
             keep = thinned(points, values)
-            offset = offset_of(values)
+            offset = pages.offset_of(values)
             time = (one.time_ns * 1e-9 - first)[keep]  # of 32 bits, to 6e-8 of the duration
             of.append([pages.floats(time), pages.floats(values[keep] - offset), offset])
         data[name] = {'label': f'{name.rpartition("/")[2]} [{unit(name)}]' if unit(name) else name, 'runs': of}
@@ -86,17 +86,6 @@ def channels(found: Sequence[Run], names: Sequence[str]) -> list[Block]:
     left = len(known) - len(kept)
     more = [pages.text(f'{left} more channels are in the recording: mbd export writes all of them.', soft=True)]
     return [block, *(more if left else [])]
-
-
-def offset_of(values: np.ndarray) -> float:
-    """Value from which a curve is counted: its middle where that is farther from zero than the curve swings, else 0.
-    32-bit floats then round to 6e-8 of the swing; counted from zero, those of an energy of 1e6 J draw stairs of
-    0.06 J."""
-    finite = values[np.isfinite(values)]
-    if not finite.size:
-        return 0.0
-    low, high = 0.5 * float(finite.min()), 0.5 * float(finite.max())
-    return low + high if abs(low + high) > 2.0 * (high - low) else 0.0
 
 
 def _path(found: Sequence[Run], names: Sequence[str]) -> Block | None:
