@@ -8,6 +8,7 @@ The file is long because positions, velocities and accelerations are found by on
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 
 import numpy as np
@@ -46,8 +47,9 @@ HEAVY, SOFTER = 100.0, 1e2
 SOFTEST = 1.0  # 1/s^2, where rounding of larger ones moves a part that is light and not damped
 AUGMENTATIONS = 400  # at most; each gains a factor 1 + PENALTY s_min, little where a light body carries a heavy one
 PLAIN, COMBINED = 10, 2  # augmentations for accelerations: first one by one, then combined by GMRES
-# Part of the slow speed of the model (solver.model.scale; where nothing weighs, of the velocities given) by which
-# velocities may violate constraints at the start; a start with more is refused.
+# Part of the slow speed of the model by which velocities may violate constraints at the start; a start with more is
+# refused. Where nothing weighs it is that of the fastest: of what is given, of drivers, of what their accelerations
+# make of a length of the model and of what the first step brings: where all rests, rates are rounding alone.
 OPEN = 1e-8
 STAGNATION = 0.5  # change over the one before, above which an iteration has come to rounding and ends
 KRYLOV = 40  # augmentations that GMRES combines at most; ten times as many need ten times the memory
@@ -183,9 +185,18 @@ class ConsistentState:
                 )
         update_angles(self.coordinates, self._at(state.q, state.v), state.angle)
 
-    def project_velocity(self, state: State, u: np.ndarray, extra: np.ndarray | None = None, hold: float = 0.0) -> None:
+    def project_velocity(
+        self,
+        state: State,
+        u: np.ndarray,
+        extra: np.ndarray | None = None,
+        hold: float = 0.0,
+        begun: float = 0.0,
+    ) -> None:
         """Make state.v satisfy A v + phi_t = 0 with the smallest change of kinetic energy; extra (nc,) is added to
         phi_t.
+
+        begun [m/s]: a speed that the motion has soon, beside what is given and driven.
 
         Augmentations go on, from the residual of M (v - given) = A^T lam too, until only rounding is left.
 
@@ -211,40 +222,41 @@ class ConsistentState:
         effective_masses(self.t, self.J, self.saddle.W)
         heavy = self.saddle.W.max(initial=0.0) > HEAVY
         given, rate = state.v.copy(), np.zeros(self.model.n_rows)
-        most = OPEN * (self.slow or self._largest(given) or self._violated(self.phi_t))
+        driven = max(self._violated(self.phi_t), math.sqrt(self.length * self._violated(self.phi_tt)))
+        slow = self.slow or max(self._largest(given), driven, begun)
         for stiffest in (SOFTER, SOFTEST) if heavy else (STIFFEST, SOFTER, SOFTEST):
             self._factorize(1.0, 0.0, hold, metric=True, stiffest=stiffest)
             state.v[:] = given
-            done = self._augment_velocity(state, hold, rate)
+            done = self._augment_velocity(state, slow, hold, rate)
             if done or hold == 0.0:  # without dampers the penalties do not depend on it
                 break
         else:
             raise ConsistencyError(
                 'start: no velocity satisfies the constraints to rounding; give light parts more mass and inertia'
             )
-        if hold == 0.0 and not (done and self._violated(rate) <= most):  # a light chain carries something heavy
+        if hold == 0.0 and not (done and self._violated(rate) <= OPEN * slow):  # a light chain carries something heavy
             constraint_rates(self.constraints, self.J, given, rate)
             state.v[:] = given + self._constrained(0.0, rate + self.phi_t)[0]
             constraint_rates(self.constraints, self.J, state.v, rate)
             rate += self.phi_t
-        if not self._violated(rate) <= most:
+        if not self._violated(rate) <= OPEN * slow:
             raise ConsistencyError(
                 f'start: no velocity satisfies the constraints: {self._worst_row(rate)!r} is violated by '
                 f'{np.abs(rate).max():.3g}; remove contradicting initial rates'
             )
 
-    def _augment_velocity(self, state: State, hold: float, rate: np.ndarray) -> bool:
+    def _augment_velocity(self, state: State, slow: float, hold: float, rate: np.ndarray) -> bool:
         """Augment the velocities until only rounding is left, and assign what is left of the constraints' rates (nc,).
 
-        False where a correction is larger than all velocities before: the rounding of the penalties moves a part that
-        is so light.
+        slow [m/s]: speed of the model. False where a correction is larger than all velocities before: the rounding of
+        the penalties moves a part that is so light.
         """
         given, lam = state.v.copy(), np.zeros(self.model.n_rows)
-        last, largest = np.inf, max(self.slow, self._largest(given))
+        last, largest = np.inf, max(slow, self._largest(given))
         for k in range(AUGMENTATIONS):
             constraint_rates(self.constraints, self.J, state.v, rate)
             rate += self.phi_t
-            closed = self._violated(rate) <= 1e-13 * max(self.slow, self._largest(state.v))
+            closed = self._violated(rate) <= 1e-13 * max(slow, self._largest(state.v))
             if closed and k == 0 and hold == 0.0:
                 return True
             r = -hold * self._block_product(self.Kv, state.v)
@@ -406,7 +418,7 @@ class ConsistentState:
             self._constraints(state.q, state.v, state.angle, u)
             excess = np.zeros(self.model.n_rows)
             constraint_rates(self.constraints, self.J, e, excess)
-            self.project_velocity(state, u, h * h * excess * self.t.constraints.holonomic)
+            self.project_velocity(state, u, h * h * excess * self.t.constraints.holonomic, begun=h * self._largest(a))
 
     def _acceleration_over_a_step(self, state: State, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
         """(a (nb+1, 6), lam (nc,)) of a linearised backward Euler step of h [s]: M a = f(q + h (v + h a), v + h a) +
