@@ -89,9 +89,9 @@ def suggestion(name: str, known: Iterable[str], unlisted: Iterable[str] = ()) ->
         one: difflib.SequenceMatcher(None, one, name) for one in difflib.get_close_matches(name, [*known, *unlisted])
     }
     if close:
-        # of those about as close, the one that has most of the name in one piece: for energy energies, not every
+        # of those about as close, the one that is most in one piece of the name: for energy energies, not every
         best = max(matcher.ratio() for matcher in close.values())
-        pieces = {one: m.find_longest_match().size for one, m in close.items() if m.ratio() > best - 0.05}
+        pieces = {one: m.find_longest_match().size / len(one) for one, m in close.items() if m.ratio() > best - 0.05}
         return f'; did you mean {max(pieces, key=pieces.__getitem__)!r}?'
     if not known:
         return '; none are defined'

@@ -55,7 +55,7 @@ def test_a_sweep_ends_where_the_mechanism_does_and_says_so() -> None:
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (['slider_crank'], 'no vehicle with tires at four corners'),
+        (['slider_crank'], 'needs a vehicle with the four wheels'),
         (['compact_fw'], "did you mean 'compact_fwd'?"),
         (['light_car', '--travel', '0'], 'must be > 0'),
         (['light_car', '--steering', 'nan'], '--steering = nan'),

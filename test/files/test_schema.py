@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import pytest
 
 from solver.errors import SceneError
+from solver.files.scene import load_scene
 from solver.files.schema import Builder
 from solver.files.yaml_tree import parse, text_of
 
@@ -153,3 +154,17 @@ def test_text_of_a_node_parses_to_the_same_values() -> None:
     text = 'mass: 1e-3\ntitle: "1.0"\nvector: [1, 2, 3]\nvalues: &v {a b: 1}\n'
     builder = Builder()
     assert builder.build(Thing, parse(text_of(parse(text, 'a')), 'b')) == builder.build(Thing, parse(text, 'a'))
+
+
+@pytest.mark.parametrize(
+    ('written', 'meant'),
+    [
+        ('record.energy=true', 'energies'),  # and not every, which has as many letters of it
+        ('record.elments=true', 'elements'),
+        ('integrator.iteration=2', 'iterations'),
+        ('integrator.penalties=1e4', 'penalty'),
+    ],
+)
+def test_a_misspelt_key_leads_to_the_nearest(written: str, meant: str) -> None:
+    with pytest.raises(SceneError, match=f"did you mean '{meant}'"):
+        load_scene('pendulum', [written])
