@@ -1,7 +1,7 @@
 /* fmi.c: a model as a unit of co-simulation, by the functions of FMI 2.0 and 3.0 (references.md: [FMI2014], [FMI2022]).
  *
- * Value references are the numbers of variables; behind them come the parameters of the filter of steering commands and
- * the time. The model lies in resources/model.mbd; instantiation token and GUID are its digest. */
+ * Value references are the numbers of variables; behind them come the parameters of the filter of steering commands, the
+ * time and the number of findings of the verdict. The model lies in resources/model.mbd; instantiation token and GUID are its digest. */
 #include "mbd.c"
 
 #include <stdarg.h>
@@ -11,7 +11,8 @@
 
 typedef int status; /* of both versions */
 enum { FMI_OK, FMI_WARNING, FMI_DISCARD, FMI_ERROR, FMI_FATAL };
-enum { BANDWIDTH, RATE_LIMIT, TIME, PARAMETERS = TIME }; /* behind the variables */
+enum { BANDWIDTH, RATE_LIMIT, TIME, FINDINGS, PARAMETERS = TIME }; /* behind the variables */
+enum { INSTANTIATED, INITIALIZING, STEPPING, TERMINATED };         /* run.mode, which is part of a state */
 
 typedef void (*logger2)(void *environment, const char *instance, status, const char *category, const char *format, ...);
 typedef void (*logger3)(void *environment, status, const char *category, const char *message);
@@ -35,10 +36,18 @@ typedef struct {
     char bytes[];
 } saved;
 
+/* A sentence goes to the log as its own format, each % doubled: importers that format and those that do not show it. */
 static status say(const unit *u, status s, const char *sentence) {
-    const char *category = s == FMI_OK ? "events" : "errors";
+    char doubled[1700];
+    size_t n = 0;
+    const char *category = s == FMI_OK ? "events" : s == FMI_WARNING ? "verdict" : "errors";
     if (s == FMI_OK && !u->logging) return s;
-    if (u->log2 != NULL) u->log2(u->environment, u->name, s, category, "%s", sentence);
+    for (const char *c = sentence; *c != 0 && n + 2 < sizeof doubled; c++) {
+        if (*c == '%') doubled[n++] = '%';
+        doubled[n++] = *c;
+    }
+    doubled[n] = 0;
+    if (u->log2 != NULL) u->log2(u->environment, u->name, s, category, doubled);
     if (u->log3 != NULL) u->log3(u->environment, s, category, sentence);
     return s;
 }
@@ -47,6 +56,30 @@ static status answered(const unit *u, int code) {
     if (code == MBD_OK) return FMI_OK;
     const char *message = mbd_message(u->model);
     return say(u, FMI_ERROR, message[0] ? message : mbd_text(code));
+}
+
+/* Whether a call is one for this mode; else a sentence. */
+static bool in_mode(const unit *u, int64_t mode, const char *call) {
+    static const char *const names[] = {"before its initialization", "in its initialization", "between steps", "at its end"};
+    int64_t now = u->model->run->mode;
+    char sentence[200];
+    if (now == mode) return true;
+    snprintf(sentence, sizeof sentence, "%s is for a unit %s, and this one is %s", call, names[mode], names[now]);
+    return say(u, FMI_ERROR, sentence) == FMI_OK;
+}
+
+/* To another mode, from the one before it. */
+static status to_mode(unit *u, int64_t mode, const char *call) {
+    if (!in_mode(u, mode - 1, call)) return FMI_ERROR;
+    u->model->run->mode = mode;
+    return FMI_OK;
+}
+
+/* Whatever the verdict finds goes to the log, whether logging is on or not: who drives a unit must hear it. */
+static status terminate(unit *u) {
+    if (to_mode(u, TERMINATED, "terminate") != FMI_OK) return FMI_ERROR;
+    for (int k = 0, n = u->model->run->k > 0 ? mbd_verdict(u->model) : 0; k < n; k++) say(u, FMI_WARNING, mbd_finding(u->model, k));
+    return FMI_OK;
 }
 
 static void told(void *user, const char *sentence) { say(user, FMI_OK, sentence); }
@@ -135,6 +168,7 @@ static status get(const unit *u, const unsigned *references, size_t n, double *v
                 values[k] = *(const double *)in_written(u->model, moved->state); /* what was commanded */
         } else if (v < (unsigned)count + PARAMETERS) values[k] = filter[v - (unsigned)count];
         else if (v == (unsigned)count + TIME) values[k] = 1e-9 * (double)u->model->run->start + mbd_time(u->model);
+        else if (v == (unsigned)count + FINDINGS) values[k] = mbd_verdict(u->model);
         else return say(u, FMI_ERROR, "a value reference is not one of this unit");
     }
     return FMI_OK;
@@ -144,6 +178,7 @@ static status set(unit *u, const unsigned *references, size_t n, const double *v
     mbd_model *m = u->model;
     int count = mbd_variables(m);
     const double *filter = (const double *)in_written(m, fields(m)[FILTER]);
+    if (m->run->mode == TERMINATED) return say(u, FMI_ERROR, "nothing can be set: the run has ended; reset the unit");
     for (size_t k = 0; k < n; k++) {
         unsigned v = references[k];
         int code = MBD_OK;
@@ -175,6 +210,7 @@ static const double FARTHEST = 9e9;
 static bool on_grid(int64_t off, int64_t h) { return llabs(off) <= 1 + h / 1000000; }
 
 static status begin_at(unit *u, double start) {
+    if (!in_mode(u, INSTANTIATED, "a start time")) return FMI_ERROR;
     if (!isfinite(start) || fabs(start) > FARTHEST) return say(u, FMI_ERROR, "the start time is not a time");
     u->model->run->start = llround(start * 1e9);
     return FMI_OK;
@@ -185,8 +221,9 @@ static status step_by(unit *u, double now, double step) {
     mbd_model *m = u->model;
     char sentence[300];
     int64_t h = mbd_h_ns(m), at = m->run->k * h + m->run->start;
+    if (!in_mode(u, STEPPING, "a step")) return FMI_ERROR;
     if (!isfinite(now) || !isfinite(step) || fabs(now) > FARTHEST || fabs(step) > FARTHEST || step < 0.0)
-        return say(u, FMI_ERROR, "time and step of a communication must be finite, and no step is negative");
+        return say(u, FMI_ERROR, "time and step of a communication must be finite and below 9e9 s, and no step is negative");
     if (!on_grid(llround(now * 1e9) - at, h)) {
         snprintf(sentence, sizeof sentence, "the communication begins at %.9g s, and the unit is at %.9g s", now, 1e-9 * (double)at);
         return say(u, FMI_ERROR, sentence);
@@ -274,9 +311,9 @@ FMI status fmi2SetupExperiment(void *u, boolean2 given, double tolerance, double
     return begin_at(u, start);
 }
 
-FMI status fmi2EnterInitializationMode(void *u) { return (void)u, FMI_OK; }
-FMI status fmi2ExitInitializationMode(void *u) { return (void)u, FMI_OK; }
-FMI status fmi2Terminate(void *u) { return (void)u, FMI_OK; }
+FMI status fmi2EnterInitializationMode(void *u) { return to_mode(u, INITIALIZING, "to begin the initialization"); }
+FMI status fmi2ExitInitializationMode(void *u) { return to_mode(u, STEPPING, "to end the initialization"); }
+FMI status fmi2Terminate(void *u) { return terminate(u); }
 
 FMI status fmi2Reset(void *u) { return answered(u, mbd_reset(((unit *)u)->model)); }
 
@@ -385,14 +422,14 @@ FMI void fmi3FreeInstance(void *u) { free_unit(u); }
 
 FMI status fmi3EnterInitializationMode(void *u, bool given, double tolerance, double start, bool ends, double stop) {
     (void)given, (void)tolerance, (void)ends, (void)stop;
-    return begin_at(u, start);
+    return begin_at(u, start) == FMI_OK ? to_mode(u, INITIALIZING, "to begin the initialization") : FMI_ERROR;
 }
-FMI status fmi3ExitInitializationMode(void *u) { return (void)u, FMI_OK; }
+FMI status fmi3ExitInitializationMode(void *u) { return to_mode(u, STEPPING, "to end the initialization"); }
 FMI status fmi3EnterStepMode(void *u) { return (void)u, FMI_OK; }
 FMI status fmi3EnterEventMode(void *u) { return not_here(u, "event mode"); }
 FMI status fmi3EnterConfigurationMode(void *u) { return (void)u, FMI_OK; }
 FMI status fmi3ExitConfigurationMode(void *u) { return (void)u, FMI_OK; }
-FMI status fmi3Terminate(void *u) { return (void)u, FMI_OK; }
+FMI status fmi3Terminate(void *u) { return terminate(u); }
 FMI status fmi3Reset(void *u) { return answered(u, mbd_reset(((unit *)u)->model)); }
 
 static status counted(void *u, size_t n, size_t values) {

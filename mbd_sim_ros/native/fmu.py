@@ -103,6 +103,8 @@ def _variables(simulation: Simulation, channels: Iterable[Channel]) -> Iterator[
         yield Variable('steering_filter/bandwidth', k + 1, 'Hz', 'parameter', 'tunable', BANDWIDTH, text)
         yield Variable('steering_filter/rate_limit', k + 2, 'rad/s', 'parameter', 'tunable', RATE_LIMIT, text)
     yield Variable('time', k + 3, 's', 'independent', 'continuous')
+    text = 'of the verdict so far, which go to the log at the end of a run; 0 is ok'
+    yield Variable('findings', k + 4, '1', 'local', 'discrete', text=text)
 
 
 def exponents(unit: str) -> dict[str, int] | None:
@@ -150,7 +152,7 @@ def description(
         f'<fmiModelDescription{_attributes(head)}>',
         f'<CoSimulation{_attributes({"modelIdentifier": identifier} | ability)}/>',
         '<UnitDefinitions>', *_units(variables), '</UnitDefinitions>',
-        '<LogCategories><Category name="errors"/><Category name="events"/></LogCategories>',
+        '<LogCategories><Category name="errors"/><Category name="verdict"/><Category name="events"/></LogCategories>',
         f'<DefaultExperiment startTime="0" stopTime="{stop}" stepSize="{simulation.h!r}"/>',
         '<ModelVariables>', *lines, '</ModelVariables>',
         f'<ModelStructure>{structure}</ModelStructure>',
@@ -179,12 +181,15 @@ def _variable3(v: Variable) -> str:
 
 
 def _structure2(variables: Iterable[Variable]) -> str:
-    """Outputs by their place among the variables, from 1 on."""
-    unknowns = ''.join(f'<Unknown index="{k}"/>' for k, v in enumerate(variables, 1) if v.causality == 'output')
+    """Outputs by their place among the variables, from 1 on. They are of the end of a step, and inputs act in the next
+    one: no output depends on an input at the same instant."""
+    outputs = [k for k, v in enumerate(variables, 1) if v.causality == 'output']
+    unknowns = ''.join(f'<Unknown index="{k}" dependencies=""/>' for k in outputs)
     return f'<Outputs>{unknowns}</Outputs><InitialUnknowns>{unknowns}</InitialUnknowns>' if unknowns else ''
 
 
 def _structure3(variables: Iterable[Variable]) -> str:
-    """Outputs by their value references."""
+    """Outputs by their value references; see _structure2()."""
     outputs = [v.reference for v in variables if v.causality == 'output']
-    return ''.join(f'<{kind} valueReference="{at}"/>' for kind in ('Output', 'InitialUnknown') for at in outputs)
+    kinds = ('Output', 'InitialUnknown')
+    return ''.join(f'<{kind} valueReference="{at}" dependencies=""/>' for kind in kinds for at in outputs)

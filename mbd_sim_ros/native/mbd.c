@@ -12,7 +12,7 @@
 
 /* Header of a model: magic, digest of all that follows, and fields. The order is that of FIELDS in model.py. */
 enum { MAGIC = 16, DIGEST = 32 };
-static const char magic[MAGIC] = "mbd model 1\n";
+static const char magic[MAGIC] = "mbd model 2\n";
 static const char state_magic[MAGIC] = "mbd state 1\n";
 
 enum field {
@@ -20,7 +20,8 @@ enum field {
     CONSTANT_AT, CONSTANT_SIZE, WRITTEN_AT, WRITTEN_SIZE, FIXUPS_AT, FIXUPS, KERNELS_AT, KERNELS,
     VARIABLES_AT, VARIABLES, TEXTS_AT, TEXTS_SIZE, MANEUVER_AT, RUNS, SETTLED, INPUTS, MOTIONS_AT, MOTIONS,
     TABLES, SCHEME, CONTROL, STATE_A, STATE_B, WORK, ROW, RUN, SOURCE, FILTER, NUMBERS, NUMBERS_COUNT,
-    COUNTS, EVENTS, PROGRESS, LIMITS_AT, SCENE, PROGRAM, UNCHECKED, FIELDS
+    COUNTS, EVENTS, PROGRESS, LIMITS_AT, PLACES_AT, PLACES, WALLS_AT, WALLS, WATCH_AT, WATCH_SIZE,
+    MEMORY_AT, MEMORY, SCENE, PROGRAM, UNCHECKED, FIELDS
 };
 
 enum { SECTION_CONSTANT, SECTION_WRITTEN, SECTION_KERNEL };
@@ -35,8 +36,9 @@ typedef struct { int64_t value, rate, acceleration, filtered, state; } motion; /
 typedef struct { int64_t iterations, factorizations, evaluations, stagnated; double residual, position, velocity; } counters;
 typedef struct { int64_t status, where; counters c; int64_t done; uint8_t swapped; } result;
 
-/* What a run remembers besides state and account; part of what is written (RUN in model.py). start: [ns], for units. */
-typedef struct { int64_t k, swapped, audit, events, rescued; counters total; double smallest; int64_t start; } run;
+/* What a run remembers besides state and account; part of what is written (RUN in model.py). start: [ns], and mode: for
+ * units. followed: 1 where an input has followed the maneuver. */
+typedef struct { int64_t k, swapped, audit, events, rescued; counters total; double smallest; int64_t start, mode, followed; } run;
 
 typedef int32_t (*adapting)(result *, void **, int64_t, int64_t, int64_t, int64_t, int64_t, void *, void *, int64_t, int64_t,
                             double *, int64_t, int64_t, int64_t, int64_t, int64_t, int64_t, int64_t, uint8_t, int64_t);
@@ -60,7 +62,7 @@ struct mbd_model {
     int64_t *source; /* of every input: 0 it follows the maneuver, 1 it holds what was set, 2 a command passes the filter */
     mbd_logger logger;
     void *user;
-    char message[400];
+    char message[800];
 };
 
 static const struct { const char *name; void *code; } known[] = {
@@ -121,6 +123,10 @@ static int lies_within(int64_t at, int64_t count, int64_t size, int64_t end) {
     return at >= 0 && count >= 0 && at % 8 == 0 && at <= end && count <= (end - at) / size;
 }
 
+static int judged_consistent(const char *content, const int64_t *f);
+static int watch_consistent(const char *content, const int64_t *f);
+static size_t judged_size(void), watch_size(void);
+
 /* Whether every place that the header and the lists of the content name lies within it, so that loading reads and writes
  * nothing beside it. What stands in the tables and in a state (indices, numbers of entries) is not looked at: where the
  * digest fits, it is what `mbd build` or mbd_save() wrote. The digest is no signature: whoever writes a file can write
@@ -132,7 +138,10 @@ static int consistent(const char *content, int64_t size) {
     if (!lies_within(f[CONSTANT_AT], tables, 1, end) || !lies_within(f[WRITTEN_AT], written, 1, end)) return 0;
     if (!lies_within(f[FIXUPS_AT], f[FIXUPS], sizeof(fixup), end) || !lies_within(f[KERNELS_AT], f[KERNELS], 8, end)) return 0;
     if (!lies_within(f[VARIABLES_AT], f[VARIABLES], sizeof(variable), end)) return 0;
-    if (!lies_within(f[MOTIONS_AT], f[MOTIONS], sizeof(motion), end) || !lies_within(f[LIMITS_AT], 32, 8, end)) return 0;
+    if (!lies_within(f[MOTIONS_AT], f[MOTIONS], sizeof(motion), end) || !lies_within(f[LIMITS_AT], (int64_t)judged_size(), 1, end)) return 0;
+    if (!lies_within(f[PLACES_AT], f[PLACES], 8, end) || !lies_within(f[WALLS_AT], f[WALLS], 8, end)) return 0;
+    if (!lies_within(f[WATCH_AT], f[WATCH_SIZE], 1, end) || f[WATCH_SIZE] < (int64_t)watch_size()) return 0;
+    if (!lies_within(f[MEMORY_AT], f[MEMORY], 8, written)) return 0;
     if (!lies_within(f[TEXTS_AT], f[TEXTS_SIZE], 1, end) || f[TEXTS_SIZE] < 1) return 0;
     if (content[f[TEXTS_AT] + f[TEXTS_SIZE] - 1] != 0 || f[ENTRY] < 0 || f[ENTRY] >= f[KERNELS]) return 0;
     if (f[INPUTS] > 1 << 20 || !lies_within(f[MANEUVER_AT], f[RUNS], 8 * (1 + f[INPUTS]), end)) return 0;
@@ -164,13 +173,9 @@ static int consistent(const char *content, int64_t size) {
     const int64_t *names = (const int64_t *)(content + f[KERNELS_AT]);
     for (int64_t k = 0; k < f[KERNELS]; k++)
         if (names[k] < 0 || names[k] >= f[TEXTS_SIZE]) return 0;
-    const int64_t *places = (const int64_t *)(content + f[LIMITS_AT]) + 16;
-    for (int k = 0; k < 15; k++)
-        if (!lies_within(places[k], 3, 8, written)) return 0;
-    if (places[15] != -1 && !lies_within(places[15], 1, 8, written)) return 0;
     for (int k = SCENE; k <= UNCHECKED; k++)
         if (f[k] < 0 || f[k] >= f[TEXTS_SIZE]) return 0;
-    return 1;
+    return judged_consistent(content, f) && watch_consistent(content, f);
 }
 
 static void fix(const shared *s, int section, char *memory, char *written) {
@@ -450,6 +455,7 @@ static int sample(mbd_model *m, int64_t *same) {
         }
         for (int64_t i = 0; i < n; i++)
             if (m->source[i] == FOLLOWS) m->row[i] = row[i];
+        m->run->followed = 1;
     }
     for (int64_t k = 0; k < fields(m)[MOTIONS]; k++)
         if (m->source[motions(m)[k].value] == FILTERED) {
@@ -536,25 +542,29 @@ static int advance(mbd_model *m, int64_t count) {
     return MBD_OK;
 }
 
-int mbd_step(mbd_model *m, int64_t n) {
-    if (n < 0) return fail(m, MBD_ARGUMENT, "the number of steps is negative");
-    while (n > 0) {
-        int64_t same;
-        int code = sample(m, &same);
-        int64_t count = same < n ? same : n;
-        if (code == MBD_OK) code = advance(m, count);
-        if (code != MBD_OK) return code;
-        n -= count;
-    }
-    return MBD_OK;
-}
-
 double mbd_h(const mbd_model *m) { return (double)fields(m)[H_NS] * 1e-9; }
 int64_t mbd_h_ns(const mbd_model *m) { return fields(m)[H_NS]; }
 int64_t mbd_steps(const mbd_model *m) { return m->run->k; }
 double mbd_time(const mbd_model *m) { return (double)(m->run->k * fields(m)[H_NS]) * 1e-9; }
 int64_t mbd_duration(const mbd_model *m) { return fields(m)[DURATION]; }
 void mbd_audit(mbd_model *m, int on) { m->run->audit = on != 0; }
+
+#include "watch.inc"
+
+int mbd_step(mbd_model *m, int64_t n) {
+    if (n < 0) return fail(m, MBD_ARGUMENT, "the number of steps is negative");
+    while (n > 0) {
+        int64_t same;
+        int code = sample(m, &same);
+        int64_t count = same < n ? same : n, look = until_look(m);
+        if (look < count) count = look;
+        if (code == MBD_OK) code = advance(m, count);
+        if (code != MBD_OK) return code;
+        if (is_looked_at(m)) look_at_snapshot(m);
+        n -= count;
+    }
+    return MBD_OK;
+}
 
 void mbd_log(mbd_model *m, mbd_logger logger, void *user) {
     m->logger = logger;
@@ -604,57 +614,4 @@ int mbd_restore(mbd_model *m, const void *buffer, size_t size) {
 
 /* -- verdict ------------------------------------------------------------------------------------------------------- */
 
-/* What the checks need, in the order of _judged() in model.py: limits (a limit that is not a number is computed here), and
- * places of the account. */
-struct judged {
-    double residual, unsettled, position, velocity, energy, contradiction, stagnation, length, slow, resting_speed, resting,
-        share, truncation, weight, written, rounding;
-    int64_t worst, gross, kinetic, potential, turning, energy_now, work, speed, noted_residual, noted_position,
-        noted_velocity, steps, unsettled_steps, contradicting, time, row_length;
-};
-
-static int beyond(mbd_model *m, const char *check, double value, double limit, const char *unit, double time) {
-    if (value <= limit) return 0;
-    snprintf(m->message, sizeof m->message, "suspect: %s %.3g %s (limit %.3g, t = %g s)", check, value, unit, limit, time);
-    return 1;
-}
-
-/* 1, or the length of the model where a row is of angles; 1 where what was noted is no row. */
-static double length_of_row(const mbd_model *m, const struct judged *j, double row) {
-    double rows = (double)((fields(m)[WRITTEN_SIZE] - j->row_length) / 8);
-    return row >= 0.0 && row < rows ? ((const double *)in_written(m, j->row_length))[(int64_t)row] : 1.0;
-}
-
-int mbd_verdict(mbd_model *m) {
-    const struct judged *j = (const struct judged *)part(m, LIMITS_AT);
-#define AT(place) ((const double *)in_written(m, j->place))
-    const double *kinetic = AT(kinetic), *potential = AT(potential), *speed = AT(speed), *position = AT(noted_position);
-    const double *velocity = AT(noted_velocity), *residual = AT(noted_residual), *contradicting = AT(contradicting);
-    const double h = mbd_h(m), now = mbd_time(m);
-    const double numbers[] = {*AT(energy_now), *AT(work), *AT(gross), *AT(worst), kinetic[1], potential[0], potential[1]};
-    int endless = 0;
-    for (size_t k = 0; k < sizeof numbers / sizeof *numbers; k++) endless += !isfinite(numbers[k]);
-    if (beyond(m, "not_finite", endless, 0.0, "energies", now)) return 1;
-    double moved = *AT(gross) + (kinetic[1] - kinetic[0]) + (potential[1] - potential[0]);
-    double stored = larger(fabs(potential[0]), fabs(potential[1]));
-    double open = j->written * (j->weight + kinetic[1]) + j->rounding * stored;
-    double energy = isnan(j->energy) ? j->share * moved + j->truncation * *AT(turning) + open : j->energy;
-    if (beyond(m, "energy_error_max", *AT(worst), energy, "J", now)) return 1;
-    if (beyond(m, "residual_max", residual[0], j->residual, "", residual[1])) return 1;
-    if (beyond(m, "unsettled", *AT(unsettled_steps) / larger(*AT(steps), 1.0), j->unsettled, "of the steps", now)) return 1;
-    double largest = larger(speed[0], j->length * speed[1]), slow = j->slow;
-    if (!(slow > 0.0)) slow = largest > j->resting_speed ? largest : j->resting;
-    largest = larger(slow, largest);
-    if (j->row_length >= 0) {
-        double far = j->stagnation * largest * h / length_of_row(m, j, position[2]);
-        if (beyond(m, "position_drift_max", position[0], isnan(j->position) ? far : j->position, "m or rad", position[1])) return 1;
-        double fast = j->stagnation * largest / length_of_row(m, j, velocity[2]);
-        if (beyond(m, "velocity_drift_max", velocity[0], isnan(j->velocity) ? fast : j->velocity, "m/s or rad/s", velocity[1]))
-            return 1;
-        if (beyond(m, "contradiction", contradicting[0], j->contradiction * moved + open, "J", contradicting[1])) return 1;
-    }
-    if (beyond(m, "unseen", now - *AT(time), 0.5 * h, "s without an account", now)) return 1;
-#undef AT
-    m->message[0] = 0;
-    return 0;
-}
+#include "verdict.inc"

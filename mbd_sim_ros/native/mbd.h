@@ -101,9 +101,12 @@ MBD_API int mbd_restore(mbd_model *model, const void *buffer, size_t size);
 /* The numbers of the last snapshot, as `Snapshot.numbers` holds them: the outputs, one behind the other. */
 MBD_API const double *mbd_numbers(const mbd_model *model, size_t *count);
 
-/* Verdict on the steps so far, by the checks that need nothing but the account: 0 ok, 1 suspect, with the reason in
- * mbd_message(). mbd_unchecked() names the checks of `mbd run` that are not made here. */
+/* Verdict on the steps so far: the number of findings. 0 is ok; with more the run is suspect, and mbd_message() has the
+ * first one, as `mbd run` words it: what is wrong and where, value and limit, what to do. mbd_finding() gives every one,
+ * from 0 on, and "" behind the last; it stays until the next call with this model. The checks are those of `mbd run` but
+ * for the ones that mbd_unchecked() names: an ok does not say that the numerical error is small. */
 MBD_API int mbd_verdict(mbd_model *model);
+MBD_API const char *mbd_finding(mbd_model *model, int finding);
 MBD_API const char *mbd_unchecked(const mbd_model *model);
 
 /* A function that is told of what happens in a step besides: changes of steps and penalties. NULL: nobody is. */

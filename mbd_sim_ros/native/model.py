@@ -16,24 +16,18 @@ from mbd_sim_ros.native.channels import ACCOUNT_UNITS, Channel, channels_of
 from mbd_sim_ros.native.image import CONSTANT, KERNEL, Image
 from mbd_sim_ros.native.image import WRITTEN as SECTION_WRITTEN
 from mbd_sim_ros.native.kernels import Kernel, addresses, compiled
-from solver.checks.account import SHARE, TRUNCATION
-from solver.checks.iteration import RESIDUAL_MAX, UNSETTLED
-from solver.checks.registry import CHECKS
+from mbd_sim_ros.native.verdict import OF_MANEUVER, judged, told_by, unchecked
+from mbd_sim_ros.native.watch import watch_of
 from solver.compiled.kernel import address_of
-from solver.compiled.portable import norm
 from solver.engine.stepping import Stepping
 from solver.errors import SpecError
 from solver.inputs.command_filter import BANDWIDTH, RATE_LIMIT
 from solver.inputs.maneuver import ACCELERATION, RATE, is_motion
-from solver.model.scale import RESTING, STEPS
-from solver.output.energy import ROUNDING, WRITTEN
 from solver.simulation import Simulation
 from solver.step.augmented_lagrangian import advance
 from solver.step.interval import advance_adapting
-from solver.step.iteration import LARGEST_STAGNATION
-from solver.vehicle.size import scale_of
 
-MAGIC = b'mbd model 1\n'.ljust(16, b'\0')
+MAGIC = b'mbd model 2\n'.ljust(16, b'\0')
 FIELDS = (
     'size', 'h_ns', 'duration', 'adapts', 'entry', 'chassis',
     'constant_at', 'constant_size', 'written_at', 'written_size', 'fixups_at', 'fixups', 'kernels_at', 'kernels',
@@ -41,21 +35,18 @@ FIELDS = (
     'motions',
     'tables', 'scheme', 'control', 'state_a', 'state_b', 'work', 'row', 'run', 'source', 'filter', 'numbers',
     'numbers_count',
-    'counts', 'events', 'progress', 'limits_at', 'scene', 'program', 'unchecked',
+    'counts', 'events', 'progress', 'limits_at', 'places_at', 'places', 'walls_at', 'walls', 'watch_at',
+    'watch_size', 'memory_at', 'memory', 'scene', 'program', 'unchecked',
 )  # fmt: skip
 # What a run remembers besides state and account: `run` of mbd.c.
 RUN = (
     'steps', 'swapped', 'audit', 'events', 'divided_intervals', 'iterations', 'factorizations', 'evaluations',
     'stagnated', 'residual_max', 'position_drift_max', 'velocity_drift_max', 'smallest_step', 'start',
+    'mode', 'followed',
 )  # fmt: skip
 COUNTERS = ('steps', 'events', 'divided_intervals', 'iterations', 'factorizations', 'evaluations', 'stagnated')
 LARGEST = {'residual_max': '1', 'position_drift_max': '1', 'velocity_drift_max': '1', 'smallest_step': 's'}
 INPUT, OUTPUT, ACCOUNT, COUNTER = range(4)  # enum mbd_kind of mbd.h
-# Checks of a run that mbd_verdict() makes; a limit that the scene requires of them counts.
-CHECKED = (
-    'not_finite', 'energy_error_max', 'residual_max', 'unsettled', 'position_drift_max', 'velocity_drift_max',
-    'contradiction', 'unseen',
-)  # fmt: skip
 # Steps behind the end of a scene at which its maneuver must give the last row again to count as settled.
 FAR = (1, 2, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
 
@@ -77,7 +68,7 @@ def native(simulation: Simulation, program: str = '', *, applied: bool = False) 
     for what lives in Python.
     """
     require_native(simulation, applied=applied)
-    firsts, rows, settled = _maneuver(simulation, applied)
+    firsts, rows, settled, told = _maneuver(simulation, applied)
     simulation.reset()
     simulation.snapshot()  # outputs are there from now on
     engine, bodies = simulation.engine, simulation.bodies
@@ -94,11 +85,13 @@ def native(simulation: Simulation, program: str = '', *, applied: bool = False) 
     motions = [name for name in names if is_motion(name, names)]
     source, filtered = np.zeros(len(names), np.int64), np.array([BANDWIDTH, RATE_LIMIT])
     commands = np.zeros((len(motions), 3))
+    watch = watch_of(simulation)
     kernels = compiled()
     index, kernel_names = addresses(kernels)
+    own = (bodies.scheme, *control, *bodies.states, bodies.work)
     image = Image(
         [bodies.model.tables],
-        [bodies.scheme, *control, *bodies.states, bodies.work, row, run, source, filtered, commands, bodies.numbers],
+        [*own, row, run, source, filtered, commands, bodies.numbers, watch.memory],
         list(bodies.model.elements.values()),
         index,
     )
@@ -131,6 +124,7 @@ def native(simulation: Simulation, program: str = '', *, applied: bool = False) 
         )
         for k, name in enumerate(motions)
     ]
+    limits = judged(simulation, texts, place, told, watch.names)
     parts = {
         'constant_at': image.sections[CONSTANT].tobytes(),
         'written_at': image.sections[SECTION_WRITTEN].tobytes(),
@@ -139,7 +133,10 @@ def native(simulation: Simulation, program: str = '', *, applied: bool = False) 
         'variables_at': _words((name, unit, kind, at + more) for name, unit, kind, at, more in variables),
         'maneuver_at': firsts.tobytes() + rows.tobytes(),
         'motions_at': _words(moved),
-        'limits_at': _judged(simulation, place),
+        'limits_at': limits.limits,
+        'places_at': limits.places,
+        'walls_at': limits.walls,
+        'watch_at': watch.parts,
     }
     values = {
         'h_ns': simulation.h_ns, 'duration': simulation.scene.steps, 'adapts': len(control),
@@ -153,6 +150,8 @@ def native(simulation: Simulation, program: str = '', *, applied: bool = False) 
         'row': at_row, 'run': at_run, 'source': at_source, 'filter': place(filtered),
         'numbers': at_numbers, 'numbers_count': bodies.numbers.size,
         **{field: of_control(field) for field in ('counts', 'events', 'progress')},
+        'places': len(limits.places) // 8, 'walls': len(limits.walls) // 8, 'watch_size': len(watch.parts),
+        'memory_at': place(watch.memory), 'memory': watch.memory.size,
         'scene': texts.at(simulation.scene.name), 'program': texts.at(program),
         'unchecked': texts.at(', '.join(unchecked())),
     }  # fmt: skip
@@ -202,42 +201,22 @@ def _words(values: Iterable[Any]) -> bytes:
     return np.array(list(values), np.int64).tobytes()
 
 
-def unchecked() -> list[str]:
-    """Names of the checks of a run that the library does not make."""
-    return [check.name for check in CHECKS if check.name not in CHECKED]
-
-
-def _judged(simulation: Simulation, place: Any) -> bytes:
-    """Limits and places of the account, as `struct judged` of mbd.c has them."""
-    scene, model, h = simulation.scene, simulation.model, simulation.h
-    required, (length, slow) = scene.require.limits, scale_of(model.spec)
-    bodies, account, nan = model.tables.bodies, simulation.bodies.account, float('nan')
-    limits = [
-        required.get('residual_max', RESIDUAL_MAX.limit), UNSETTLED.limit,
-        *(required.get(name, nan) for name in ('position_drift_max', 'velocity_drift_max', 'energy_error_max')),
-        WRITTEN, LARGEST_STAGNATION, length, slow, RESTING * length / h, length / (STEPS * h), SHARE, TRUNCATION,
-        length * float(np.add.reduce(bodies.mass)) * norm(bodies.gravity), WRITTEN, ROUNDING,
-    ]  # fmt: skip
-    fields = (
-        'worst', 'gross', 'kinetic', 'potential', 'turning', 'energy', 'work', 'speed', 'residual', 'position',
-        'velocity', 'steps', 'unsettled', 'contradiction', 'time',
-    )  # fmt: skip
-    places = [place(getattr(account, name)) for name in fields]
-    places.append(place(simulation.bodies.work.row_length) if model.n_rows else -1)
-    return np.array(limits, float).tobytes() + _words(places)
-
-
-def _maneuver(simulation: Simulation, applied: bool) -> tuple[np.ndarray, np.ndarray, bool]:
-    """(first steps of runs of equal rows, (n, nu) these rows, whether the last one stays) of the maneuver of a scene.
-    applied: as a run of the scene applies it."""
+def _maneuver(
+    simulation: Simulation, applied: bool
+) -> tuple[np.ndarray, np.ndarray, bool, dict[str, tuple[str, float]]]:
+    """(first steps of runs of equal rows, (n, nu) these rows, whether the last one stays, what checks tell of it) of
+    the maneuver of a scene. applied: as a run of the scene applies it."""
     steps, source = simulation.scene.steps, simulation.source
     rows = np.zeros((0, len(simulation.channels.inputs)))
     if steps and applied:
         simulation.advance(steps)
         rows = np.array(simulation.applied)
+        told = told_by(simulation, OF_MANEUVER, steps)
         simulation.reset()
-    elif steps:
-        rows = source.table(0, steps)
+    else:
+        if steps:
+            rows = source.table(0, steps)
+        told = told_by(simulation, OF_MANEUVER, steps)
     bits = rows.view(np.int64)
     changes = np.flatnonzero(np.any(bits[1:] != bits[:-1], axis=1)) + 1
     firsts = np.concatenate([[0], changes]).astype(np.int64) if steps else np.zeros(0, np.int64)
@@ -246,7 +225,7 @@ def _maneuver(simulation: Simulation, applied: bool) -> tuple[np.ndarray, np.nda
         last = bits[-1]
         settled = all(np.array_equal(source.table(steps + far, 1).view(np.int64)[0], last) for far in FAR)
         simulation.sources.reset()  # nobody has asked yet
-    return firsts, np.ascontiguousarray(rows[firsts]), settled
+    return firsts, np.ascontiguousarray(rows[firsts]), settled, told
 
 
 def _assembled(values: dict[str, int], parts: dict[str, bytes]) -> bytes:

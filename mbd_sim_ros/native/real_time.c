@@ -70,6 +70,8 @@ int main(int argc, char **argv) {
         busy[k] = seconds(due) - seconds(now);
     }
 
+    long over = 0; /* steps that ended after the next one was due */
+    for (long k = 0; k < steps; k++) over += late[k] + busy[k] > h;
     double vx = 0.0, wz = 0.0;
     printf("%s: %ld steps of %g ms; at t = %g s", mbd_scene(car), steps, 1e3 * h, mbd_time(car));
     if (mbd_get(car, speed, &vx) == MBD_OK && mbd_get(car, yaw, &wz) == MBD_OK) printf(" %.3f m/s, yaw rate %.4f rad/s", vx, wz);
@@ -80,7 +82,8 @@ int main(int argc, char **argv) {
            1e6 * late[steps - 1]);
     printf("busy [us]: median %.0f, 99 %% %.0f, most %.0f\n", 1e6 * busy[steps / 2], 1e6 * busy[steps * 99 / 100],
            1e6 * busy[steps - 1]);
-    printf("verdict: %s%s\n", mbd_verdict(car) ? "" : "ok", mbd_message(car));
+    printf("late steps, which ended after the next one was due: %.3g %%\n", 100.0 * (double)over / (double)steps);
+    printf("verdict: %s%s\n", mbd_verdict(car) ? "suspect: " : "ok", mbd_message(car));
     printf("not checked here: %s\n", mbd_unchecked(car));
 
     free(late);

@@ -7,14 +7,12 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import fmpy
 import numpy as np
 import pytest
+from fmi_unit import Unit
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import FMU2Slave
-from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
 from mbd_sim_ros.commands.main import main
@@ -26,48 +24,9 @@ from solver.inputs.command_filter import CommandSource
 from solver.start import known
 
 PAGE = Path(__file__).parents[2] / 'docs' / 'native.md'
+SUPPORT = Path(__file__).parents[1] / 'support'
 CAR, CRANK = 'car_step_steer', 'slider_crank'
 SHOWN = {CAR: ['odom/twist/wz', 'odom/pose/x', 'tire/front_left/force/fz'], CRANK: ['joint_states/crank/position']}
-
-
-class Unit:
-    """An archive that is unpacked: instances of it."""
-
-    def __init__(self, file: Path, version: int) -> None:
-        self.file, self.version = file, version
-        self.folder = Path(fmpy.extract(str(file)))
-        self.description = fmpy.read_model_description(str(file), validate=True, validate_model_structure=True)
-        self.reference = {v.name: v.valueReference for v in self.description.modelVariables}
-        self.said: list[str] = []
-
-    def instance(self, **other: Any) -> FMU2Slave | FMU3Slave:
-        """A new instance in its initial state; messages go to `said`. other: in place of what the archive says."""
-        d = self.description
-        kind = FMU2Slave if self.version == 2 else FMU3Slave
-        given = {'guid': d.guid, 'unzipDirectory': str(self.folder), 'modelIdentifier': d.coSimulation.modelIdentifier}
-        slave = kind(**(given | other), instanceName='one')
-        slave.logger = lambda *arguments: self.said.append(str(arguments))
-        return slave
-
-    def begun(self, slave: FMU2Slave | FMU3Slave | None = None) -> FMU2Slave | FMU3Slave:
-        """A new instance behind its initialization. slave: that of FMPy for it, in place of a new one."""
-        slave = slave or self.instance()
-        slave.instantiate()
-        if self.version == 2:
-            slave.setupExperiment(startTime=0.0)
-        slave.enterInitializationMode()
-        slave.exitInitializationMode()
-        return slave
-
-    def get(self, slave, names: list[str]) -> list[float]:
-        """Values by name."""
-        references = [self.reference[name] for name in names]
-        return list(slave.getReal(references) if self.version == 2 else slave.getFloat64(references))
-
-    def set(self, slave, **values: float) -> None:
-        """Set inputs or parameters."""
-        references = [self.reference[name] for name in values]
-        (slave.setReal if self.version == 2 else slave.setFloat64)(references, list(values.values()))
 
 
 @pytest.fixture(scope='module')
@@ -196,6 +155,7 @@ def test_a_step_beside_the_grid_is_refused_and_nothing_is_done(units, version, n
     before = unit.get(slave, SHOWN[CAR])
     with pytest.raises(FMICallException):
         slave.doStep(now, step)
+    assert sentence in unit.said[-1]
     assert unit.get(slave, [*SHOWN[CAR], 'steps']) == [*before, 0.0]
     slave.doStep(0.0, 0.007)
     assert unit.get(slave, ['steps']) == [7.0]
@@ -218,9 +178,16 @@ def test_instances_know_nothing_of_each_other_and_inputs_pass_the_filter(units, 
         free.advance(10)
     assert unit.get(one, SHOWN[CAR]) == shown(steered, SHOWN[CAR])
     assert unit.get(other, SHOWN[CAR]) == shown(free, SHOWN[CAR])
-    for values in ({'steering': float('nan')}, {'odom/pose/x': 1.0}, {'steering_filter/bandwidth': 0.0}, {'time': 1.0}):
+    refused = {
+        'steering': (float('nan'), 'input steering is not finite: it stays as it was'),
+        'odom/pose/x': (1.0, 'odom/pose/x is not an input'),
+        'steering_filter/bandwidth': (0.0, 'bandwidth and rate limit of the steering filter must be > 0'),
+        'time': (1.0, 'a value reference is not one of this unit that can be set'),
+    }
+    for name, (value, sentence) in refused.items():
         with pytest.raises(FMICallException):
-            unit.set(one, **values)
+            unit.set(one, **{name: value})
+        assert unit.said[-1] == sentence
     one.freeInstance()
     other.freeInstance()
 
@@ -247,7 +214,7 @@ ELSEWHERE = """
 import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
-from test_fmu import Unit
+from fmi_unit import Unit
 unit = Unit(Path(sys.argv[2]), int(sys.argv[3]))
 slave = unit.begun()
 state = (slave.deSerializeFMUstate if unit.version == 2 else slave.deserializeFMUState)(Path(sys.argv[4]).read_bytes())
@@ -281,7 +248,7 @@ def test_a_state_goes_back_and_into_another_process(units, version, tmp_path):
     assert unit.get(slave, SHOWN[CAR]) == expected
     release(state)
     (tmp_path / 'state').write_bytes(data)
-    command = [sys.executable, '-c', ELSEWHERE, str(Path(__file__).parent), str(unit.file), str(version)]
+    command = [sys.executable, '-c', ELSEWHERE, str(SUPPORT), str(unit.file), str(version)]
     done = subprocess.run(
         [*command, str(tmp_path / 'state'), *SHOWN[CAR]], capture_output=True, text=True, timeout=120, check=False
     )

@@ -14,9 +14,8 @@ import pytest
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.native import kernels, library
 from mbd_sim_ros.native.kernels import compiled, target
-from mbd_sim_ros.native.model import CHECKED, FIELDS, native, require_native
+from mbd_sim_ros.native.model import FIELDS, native, require_native
 from solver import load_scene, simulation_of
-from solver.analysis.verdict import findings
 from solver.errors import MbdError, SpecError
 from solver.inputs.command_filter import CommandSource
 
@@ -211,33 +210,6 @@ def test_a_maneuver_that_has_ended_is_told_unless_it_stays_as_it_is(built):
     told = driver(built, 'run', 'ending', 100, 10)
     assert told[0].startswith('code 9 at 50: the maneuver of the scene ends at 0.05 s, and input ')
     assert driver(built, 'run', 'slider_crank', 10_001, 1000)[0].startswith('10001 ')  # its scene has 10000 steps
-
-
-def judged(there: Path, name: str, simulation, steps: int) -> tuple[bool, str]:
-    """(whether the library finds the run suspect, its reason)."""
-    (there / f'{name}.mbd').write_bytes(native(simulation).content)
-    _, verdict, *_ = (line for line in driver(there, 'run', name, steps, 100) if not line.startswith('code'))
-    return verdict.startswith('verdict 1'), verdict.removeprefix('verdict 1 suspect: ').partition(' ')[0]
-
-
-@pytest.mark.parametrize(
-    ('settings', 'found'),
-    [
-        ([], ''),
-        (['require.position_drift_max=1e-15'], 'position_drift_max'),
-        (['require.energy_error_max=1e-9'], 'energy_error_max'),
-        (['integrator.h=0.02', 'integrator.mode=fixed', 'integrator.iterations=1'], None),
-    ],
-)
-def test_the_verdict_is_that_of_the_checks_it_makes(built, settings, found):
-    simulation = simulation_of(load_scene('slider_crank', settings))
-    steps = min(simulation.scene.steps, 1000)
-    suspect, why = judged(built, 'judged', simulation, steps)
-    simulation.reset()
-    simulation.advance(steps)
-    expected = [finding.quantity for finding in findings(simulation) if finding.quantity in CHECKED]
-    assert found is None or (expected[:1] or ['']) == [found]
-    assert suspect == bool(expected) and (not expected or why in expected)
 
 
 @pytest.mark.parametrize(

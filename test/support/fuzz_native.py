@@ -21,7 +21,7 @@ from mutations import pick as pick_object
 SCENES = ('slider_crank', 'light_car_step_steer')  # both kinds of inputs: followed, and those of a car with its filter
 OK, DAMAGED, LAST = 0, 2, 15  # enum mbd_code of mbd.h
 HEAD, DIGEST = 16, 48  # bytes up to the digest of a model, and up to its end
-FIELDS = 43
+FIELDS = 51
 FINITE = (0.0, -0.0, 1.0, -1.0, 30.0, -1e3, 1e9, -1e30, 1e300, 1.7e308, 5e-324)
 NUMBERS = (*FINITE, float('nan'), float('inf'), -float('inf'))
 PLACES = (0, -1, 1, 8, 1 << 20, 1 << 31, 1 << 40, (1 << 63) - 1, -(1 << 63))
@@ -127,8 +127,10 @@ def models(rng: np.random.Generator, there: Path) -> str:
         raw = bytearray(content)
         words = np.frombuffer(content[DIGEST : DIGEST + 8 * FIELDS], np.int64)
         parts = [(DIGEST, FIELDS)]  # of the header, and of lists in it (FIELDS of model.py)
-        for at, n, width in ((10, 11, 4), (12, 13, 1), (14, 15, 4), (22, 23, 5)):
+        for at, n, width in ((10, 11, 4), (12, 13, 1), (14, 15, 4), (22, 23, 5), (40, 41, 1)):
             parts.append((int(words[at]), int(words[n]) * width))
+        parts.append((int(words[39]) + 8 * 17, 2 * 28))  # places of the account that a verdict looks at
+        parts.append((int(words[44]), int(words[45]) // 8))  # what is followed in snapshots
         for _ in range(int(rng.integers(1, 4))):
             at, n = parts[int(rng.integers(len(parts)))]
             value = int(pick(rng, (*PLACES, int(rng.integers(1 << 20)))))
