@@ -26,6 +26,7 @@ FENCED = re.compile(r'(^```.*?^```$)', re.MULTILINE | re.DOTALL)
 SHOWN = 'files'  # folder of the pages that show files of the checkout
 # Lexers of what is shown; a file of another kind can be fetched.
 LEXERS = {
+    '': 'text',  # LICENSE, NOTICE
     '.py': 'python',
     '.yaml': 'yaml',
     '.cff': 'yaml',

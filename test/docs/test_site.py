@@ -106,6 +106,8 @@ def test_links_lead_to_pages_files_and_folders(tmp_path: Path) -> None:
     assert made.shown == {ROOT / 'solver' / 'simulation.py', ROOT / 'solver' / 'levels'}
     with pytest.raises(SystemExit, match=r'docs/vehicle.md: the link none.md leads nowhere'):
         made._linked('[f](none.md)', page)
+    made._show(ROOT / 'LICENSE')  # a name without an ending is read too, not only fetched
+    assert 'Apache License' in (tmp_path / 'files' / 'LICENSE.md').read_text(encoding='utf-8')
 
 
 @pytest.mark.parametrize(
