@@ -196,8 +196,8 @@ class Car:
 
     @property
     def centre(self) -> str:
-        """The numbers at which a level that is linear in them was derived, '' of the others."""
-        return '' if self._tracks is None else repr(sorted(self._tracks.centre.items()))
+        """The numbers at which a level that is linear in them was derived, and its slopes; '' of the others."""
+        return '' if self._tracks is None else repr((self._tracks.centre, self._tracks.origin))
 
     def linearize(self, values: Mapping[str, float], widths: Mapping[str, float]) -> None:
         """Derive the level single_track at values and at either side of them, once: see LinearTrack."""

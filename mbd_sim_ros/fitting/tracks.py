@@ -1,9 +1,10 @@
 """The level single_track at other numbers of the vehicle, without its derivation: its tables, of which a derivation
 takes seconds, are linear in the numbers near those at which it was derived.
 
-They are derived at the centre and at either side of it for every number, once, and kept on disk. A fit derives them
-again at its result and goes on from there until that is the centre, so that the result is that of the level itself;
-only the direction in which it seeks is that of the linear tables.
+They are derived at the centre and at either side of it for every number, and kept on disk. A fit derives them again at
+its result and goes on from there until that is the centre, so that the result is that of the level itself; only the
+direction in which it seeks is that of the linear tables. Slopes serve again as long as the centre is near to where they
+were derived: those of another car lead past the result, from one side to the other.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from solver.simulation import Simulation
 
 Tables = dict[str, dict[str, float]]
 SceneOf = Callable[[Mapping[str, float]], Scene]
+# widths of the numbers, by which a centre may be away from where slopes were derived; ten times as much is another car
+NEAR = 3.0
 PART = 0.5  # of the sd of a number, by which it is moved to either side; ten times as much is no derivative
 
 
@@ -31,7 +34,12 @@ class LinearTrack:
     ) -> None:
         self.centre = centre
         self.tables = self._derived(scene_of, centre)
-        self.slopes: dict[str, Tables] = {} if before is None else before.slopes
+        near = before is not None and all(
+            name in before.origin and abs(value - before.origin[name]) <= NEAR * widths[name]
+            for name, value in centre.items()
+        )
+        self.origin = before.origin if before is not None and near else dict(centre)  # of the slopes
+        self.slopes: dict[str, Tables] = before.slopes if before is not None and near else {}
         for name in centre:
             if name not in self.slopes:
                 self.slopes[name] = self._slope(scene_of, name, PART * widths[name])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from mbd_sim_ros.fitting import driving, recordings
+from mbd_sim_ros.fitting import tracks as linear
 from mbd_sim_ros.fitting.car import Car
 from mbd_sim_ros.fitting.driving import Inputs, Steering, _lagged, drive
 from mbd_sim_ros.fitting.file import Drive, Known, Like, Recording, Windows, load_file, number_of, sd_of
@@ -449,3 +452,29 @@ def test_slopes_of_a_number_at_the_edge_of_what_a_vehicle_can_have(monkeypatch: 
     bounds[:] = 9.5, 10.5
     with pytest.raises(SpecError, match='principal moments'):
         track._slope(lambda values: None, 'inertia', 1.0)
+
+
+def test_slopes_of_a_far_car_are_derived_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slopes serve as long as the centre is within three widths of where they were derived, in all numbers; of curved
+    tables those of the start are off by the curve, and those derived anew are right."""
+    asked = list[float]()
+
+    def derived(_: object, values: dict[str, float]) -> dict[str, dict[str, float]]:
+        asked.append(values['inertia'])
+        return {'all': {'force': values['inertia'] ** 2 + values['grip']}}
+
+    monkeypatch.setattr(LinearTrack, '_derived', staticmethod(derived))
+    monkeypatch.setattr(linear, 'derive', lambda scene: None)
+    scene: Any = dataclasses.make_dataclass('Plain', ['fidelity'])('full')
+    widths, found = {'inertia': 1.0, 'grip': 0.1}, None
+    for inertia, grip, runs, slope in (
+        (10.0, 1.0, 5, 20.0),  # centre and both sides of both numbers
+        (12.9, 1.1, 1, 20.0),  # near: the centre alone
+        (13.1, 1.1, 5, 26.2),  # too far from the first in one number
+        (13.1, 1.41, 5, 26.2),  # in the other one
+        (11.0, 1.41, 1, 26.2),
+    ):
+        asked.clear()
+        found = LinearTrack(lambda values: scene, {'inertia': inertia, 'grip': grip}, widths, found)
+        assert len(asked) == runs
+        assert found.at({'inertia': inertia + 1.0})['all']['force'] == pytest.approx(inertia**2 + grip + slope)
