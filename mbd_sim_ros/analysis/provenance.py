@@ -1,10 +1,10 @@
 """Facts on what a page shows: scene and vehicle by name and hash, and the keys in which they differ from delivered
-files."""
+files and from each other."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -57,7 +57,7 @@ def facts_of_vehicle(vehicle: Mapping[str, Any]) -> list[tuple[str, str]]:
     if not count:
         return [('vehicle', f'{name}, hash {mark}')]
     if count > _size(vehicle) // 4:
-        return [('vehicle', f'one of its own, of kind {vehicle.get("kind", "?")}, hash {mark}')]
+        return [('vehicle', f'your own, of kind {vehicle.get("kind", "?")}, hash {mark}')]
     return [('vehicle', f'{name}, changed, hash {mark}'), ('changed keys of the vehicle', _said(iter(changes)))]
 
 
@@ -72,6 +72,25 @@ def facts_of_run(run: Run, place: str) -> list[tuple[str, str]]:
         return facts + (facts_of_scene(text, known.get('scene', '?')) if text else [])
     except (MbdError, yaml.YAMLError):  # a recording of another version
         return facts
+
+
+def facts_of_runs(runs: Sequence[Run], places: Sequence[str]) -> list[tuple[str, str]]:
+    """Facts of recordings, and in which keys each of them differs from the first."""
+    found = facts_of_run(runs[0], places[0])
+    for run, place in zip(runs[1:], places[1:], strict=True):
+        found += facts_of_run(run, place) + facts_of_difference(runs[0], places[0], run)
+    return found
+
+
+def facts_of_difference(base: Run, name: str, other: Run) -> list[tuple[str, str]]:
+    """Keys in which the scene of another recording differs from that of the one called `name`, with both values."""
+    texts = [run.metadata.get('resolved_scene', '') for run in (base, other)]
+    if not all(texts):
+        return []
+    try:
+        return [(f'differs from {name}', _said(_changes(*map(_load, texts))))]
+    except yaml.YAMLError:  # a recording of another version
+        return []
 
 
 def _load(text: str) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbd_sim_ros.analysis import pages, runs
 from mbd_sim_ros.analysis.pages import Block, Page, thinned
-from mbd_sim_ros.analysis.provenance import facts_of_run
+from mbd_sim_ros.analysis.provenance import facts_of_runs
 from mbd_sim_ros.bags.patterns import fits
 from mbd_sim_ros.bags.reader import Run
 from solver.analysis.verdict import OK
@@ -42,7 +42,7 @@ def write_page(places: Sequence[Path], file: Path, verdict: str = '', rows: Sequ
     errors = [run.error_text for run in found]
     about += errors if len(names) == 1 else [f'{name}: {text}' for name, text in zip(names, errors, strict=True)]
     ok = all(state == OK for state in status) if any(status) else None
-    facts = [fact for run, place in zip(found, places, strict=True) for fact in facts_of_run(run, str(place))]
+    facts = facts_of_runs(found, [str(place) for place in places])
     rows = [row for row in rows if row[1] not in about]  # the head has said it
     blocks: list[Block] = [pages.table([('', ''), *rows])] if rows else []
     if path := _path(found, names):

@@ -259,7 +259,7 @@ def run(args: argparse.Namespace) -> Result:
         plot_comparison(found, args.plot, names=(names[0], names[1] if len(names) == 2 else 'mean of repeats'))
     if args.html is not None:
         from mbd_sim_ros.analysis.html import write_report
-        from mbd_sim_ros.analysis.provenance import facts_of_run
+        from mbd_sim_ros.analysis.provenance import facts_of_runs
 
         verdict = result.text.splitlines()[-1]
         write_report(
@@ -268,7 +268,7 @@ def run(args: argparse.Namespace) -> Result:
             names=names,
             about=about(found, names, left_out, unused, doubts),
             verdict=(result.code == 0, verdict),
-            facts=[*_given(args), *(fact for n, r in zip(names, (ours, *references)) for fact in facts_of_run(r, n))],
+            facts=[*_given(args), *facts_of_runs((ours, *references), names)],
         )
     return result
 

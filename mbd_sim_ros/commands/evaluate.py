@@ -14,6 +14,7 @@ from solver.errors import MbdError, SpecError
 if TYPE_CHECKING:
     from mbd_sim_ros.analysis.evaluation import figures
     from mbd_sim_ros.analysis.evaluation.variants import Variant
+    from mbd_sim_ros.bags.reader import Run
     from solver.scene import Scene
 
 SHOWN = 3  # results whose figures are printed
@@ -93,7 +94,7 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.analysis import mapping
     from mbd_sim_ros.analysis.evaluation import judging, variants
     from mbd_sim_ros.analysis.evaluation.intervals import with_intervals
-    from mbd_sim_ros.analysis.provenance import facts_of_run
+    from mbd_sim_ros.analysis.provenance import facts_of_difference, facts_of_run
 
     if args.list:
         return listed()
@@ -110,13 +111,17 @@ def run(args: argparse.Namespace) -> Result:
         judging.called(args.name)  # a wrong name is told before anything is read
     about: list[str] = []
     facts: list[tuple[str, str]] = []
+    bases: dict[str, tuple[str, Run]] = {}  # scene -> the first variant of it, and its recording
 
-    def judged(place: Path) -> tuple[figures.Result, Scene | None]:
+    def judged(place: Path, variant: str) -> tuple[figures.Result, Scene | None]:
         interrupts.now(f'judging {place}')
         recording, held, scene = judging.read(place, sources, axes, time, args.dbc, log_times=args.log_times)
         evaluation = judging.meant(scene, args.name, str(place))
         if args.html is not None and len(facts) < FACTS:
             facts.extend(facts_of_run(recording, str(place)))
+            of_base, base = bases.setdefault(recording.metadata.get('scene', ''), (variant, recording))
+            if of_base != variant:
+                facts.extend(facts_of_difference(base, of_base, recording))
         result = judging.judge(
             evaluation, recording, str(place), given, held=held, scene=scene, mapped=bool(sources or axes)
         )
@@ -125,11 +130,11 @@ def run(args: argparse.Namespace) -> Result:
     of: list[tuple[str, list[figures.Result], Scene | None]] = []
     for place, name in zip(args.bags, variants.names(args.bags), strict=True):
         if (found := variants.recordings(place)) is None:
-            result, scene = judged(place)
+            result, scene = judged(place, name)
             of.append((name, [result], scene))
             continue
         about += [f'{place}: {text}' for text in found.refused]
-        of.append((name, [judged(one)[0] for one in found.places], None))
+        of.append((name, [judged(one, name)[0] for one in found.places], None))
     return report(variants.grouped(of), html=args.html, strict=args.strict, about=about, facts=facts)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from scalars import run
 
-from mbd_sim_ros.analysis.provenance import facts_of_run, facts_of_scene
+from mbd_sim_ros.analysis.provenance import facts_of_run, facts_of_runs, facts_of_scene
 from solver import load_scene
 
 
@@ -58,6 +58,27 @@ def test_a_car_is_the_same_wherever_the_program_is_started(tmp_path: Path, monke
     there = facts('car_step_steer')
     assert there['vehicle'] == here['vehicle'] and there['changed keys'] == 'none'
     assert 'changed keys of the vehicle' not in there
+
+
+def test_recordings_beside_each_other_say_in_which_keys_they_differ(tmp_path: Path) -> None:
+    """Also of a car of one's own, which is near to no delivered one."""
+    own = tmp_path / 'own.yaml'
+    own.write_text(
+        '<<: docs/examples/van.yaml\nchassis: {mass: 1410, com: [0.3, 0.01, 0.7], inertia: [600, 2900, 3000]}\n'
+    )
+    runs = []
+    for overrides in ((), ('vehicle.axles.front.anti_roll_bar.stiffness=1200', 'integrator.h=0.002'), ()):
+        runs.append(run(n=3, x=lambda t: t))
+        scene = load_scene('car_step_steer', [f'vehicle={own}', *overrides])
+        runs[-1].metadata.update(resolved_scene=scene.resolved, scene=scene.name)
+    found = facts_of_runs([*runs, run(n=3, x=lambda t: t)], ['base', 'stiff', 'again', 'theirs.csv'])
+    said = [text for name, text in found if name == 'differs from base']
+    assert said == [
+        'vehicle.axles.front.anti_roll_bar.stiffness: 900 \u2192 1200, integrator.h: 0.001 \u2192 0.002',
+        'none',
+    ]
+    assert found[-1] == ('recording', 'theirs.csv')
+    assert dict(found)['vehicle'].startswith('your own, of kind car, hash ')
 
 
 def test_a_recording_of_others_has_the_facts_that_are_known() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbd_sim_ros.analysis import pages, runs
 from mbd_sim_ros.analysis.pages import Page, floats, thinned
-from mbd_sim_ros.analysis.provenance import facts_of_run
+from mbd_sim_ros.analysis.provenance import facts_of_runs
 from mbd_sim_ros.analysis.runs import units
 from mbd_sim_ros.analysis.view.drawing import WORLD_BODY, Drawing
 from mbd_sim_ros.analysis.view.motion import RecordedMotion, curves_of
@@ -48,7 +48,7 @@ def write_page(motions: list[RecordedMotion], file: Path, channels: tuple[str, .
         verdict=said,
         ok=status == OK if status else None,
         about=[note for one in motions for note in runs.suspicion(one.run)],
-        facts=[fact for one in motions for fact in facts_of_run(one.run, one.name)],
+        facts=facts_of_runs([one.run for one in motions], [one.name for one in motions]),
         blocks=[motion, pages.charts(drawn)],
         scripts=[PICTURE['SCENE'], f'{HOME}:view.js'],
         programs={'THREE': PICTURE['THREE']},
