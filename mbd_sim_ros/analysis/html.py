@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -86,8 +87,10 @@ def _charts(
 ) -> tuple[Block, Block]:
     """Curves of a channel, and their difference, over one time."""
     keep = thinned(points, curves.run, curves.reference, curves.difference)
-    origin = pages.origin_of(float(curves.time[0]))
-    time = (curves.time - origin)[keep]
+    first = float(curves.time[0])
+    origin = pages.origin_of(first)
+    time = (curves.time - first)[keep]
+    curve = partial(pages.curve, start=first - origin)
     note = f'largest difference {d.max:.4g} at {d.time:.6g} s, RMS {d.rms:.4g}'
     note += f', rating {d.rating.overall:.3f}' if d.rating is not None else ''
     note += f'; {"; ".join(d.reasons)}' if d.reasons else ''
@@ -95,15 +98,15 @@ def _charts(
     of, difference = [], []
     if curves.half is not None:
         low, high = (curves.reference - curves.half)[keep], (curves.reference + curves.half)[keep]
-        of.append(pages.curve('95 % confidence band of the mean', time, low, high=high, style='band'))
-        difference.append(pages.curve('', time, -curves.half[keep], high=curves.half[keep], style='band'))
+        of.append(curve('95 % confidence band of the mean', time, low, high=high, style='band'))
+        difference.append(curve('', time, -curves.half[keep], high=curves.half[keep], style='band'))
     of += [
-        pages.curve('repeats' if k == 0 else '', time, r[keep], style='repeat', group='repeats')
+        curve('repeats' if k == 0 else '', time, r[keep], style='repeat', group='repeats')
         for k, r in enumerate(curves.repeats)
     ]
-    of.append(pages.curve(reference, time, curves.reference[keep], style='reference', width=2.0))
-    of.append(pages.curve(run, time, curves.run[keep], style='run', dash=1))
-    difference.append(pages.curve('', time, curves.difference[keep], style='other'))
+    of.append(curve(reference, time, curves.reference[keep], style='reference', width=2.0))
+    of.append(curve(run, time, curves.run[keep], style='run', dash=1))
+    difference.append(curve('', time, curves.difference[keep], style='other'))
     more: dict[str, Any] = {'linked': 'time', 'origin': origin}
     label = d.channel.rpartition('/')[2]
     return (

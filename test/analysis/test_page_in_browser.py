@@ -285,6 +285,30 @@ def test_stamps_stay_sharp_wherever_a_recording_begins(start: int, tmp_path: Pat
     assert float(re.search(r'time (\S+)', seen['read'])[1]) - start == pytest.approx(0.507, abs=2e-4)  # type: ignore[index]
 
 
+@pytest.mark.parametrize('start', [0, 9990])
+def test_stamps_of_comparisons_and_evaluations_stay_sharp(start: int, tmp_path: Path) -> None:
+    """Two curves of one chart over one time, and of two variants over times of their own."""
+    n = 2001
+    b = run(n=n, h_ns=1_000_000, start_ns=start * 10**9, x=np.sin)
+    write_report(compare(b, b), tmp_path / 'c.html', names=('a', 'b'), about=[], verdict=(True, 'ok'))
+    t = start + 1e-3 * np.arange(n)
+    of = []
+    for name, later in (('soft', 0.25), ('stiff', 0.0)):
+        curves = (Curve('swing', t + later, np.sin(t)), Curve('limit', t + later, 0.0 * t, style='limit'))
+        chart = Chart(title='swing', x=('time', 's'), y=('angle', 'rad'), curves=curves)
+        of.append(Variant(name, (Result(evaluation='iso7401_step', title='E', norm='n', figures=(), charts=(chart,)),)))
+    write_evaluation(of, tmp_path / 'e.html', title='E', passed=None, together={})
+    probe = 'page.charts.map(c => c.curves.map(curve => Array.from(curve.x, x => x + (c.item.origin || 0))))'
+    ready = 'page.charts.some(c => c.u)'
+    compared = opened(tmp_path / 'c.html', SIZES[0], probe.join(('{x: ', '}')), ready=ready)['x']
+    assert len(compared) == 2 and len(compared[0]) == 2
+    for x in (*compared[0], *compared[1]):
+        np.testing.assert_allclose(x, t, atol=2e-7)
+    (variants,) = opened(tmp_path / 'e.html', SIZES[0], probe.join(('{x: ', '}')), ready=ready)['x']
+    for x in variants:
+        assert min(np.abs(x - t - later).max() for later in (0.0, 0.25)) < 2e-7
+
+
 def test_cells_keep_to_their_columns_and_numbers_stand_below_numbers(tmp_path: Path) -> None:
     """A name without a gap ends in its column; a number among values with units stands as they do, to the left."""
     name = 'element_states/upper_front_link_of_the_rear_axle_right_inner_bushing/energy'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -85,16 +86,20 @@ def _chart(chart: Chart, points: int, of: str) -> Block:
     groups = list(dict.fromkeys(curve.group for curve in chart.curves))
     order: dict[str, int] = {}
     curves = []
+    # stamps are counted from the first, for they have 32 bits
+    start = min((float(one.x[0]) for one in chart.curves if one.x.size), default=0.0) if chart.x[1] == 's' else 0.0
     for one in chart.curves:
         # of a cloud any samples do, of a curve its extremes
         even = np.arange(0, one.y.size, max(1, -(-one.y.size // points)))
         keep = even if one.style == 'cloud' else thinned(points, one.y)
-        more = {}
+        more: dict[str, Any] = {'start': fx * start} if start else {}
         if one.group:
-            more = {'colour': groups.index(one.group), 'dash': order.get(one.group, 0)}
+            more |= {'colour': groups.index(one.group), 'dash': order.get(one.group, 0)}
             order[one.group] = more['dash'] + (one.style != 'limit')
         curves.append(
-            pages.curve(one.name, fx * one.x[keep], fy * one.y[keep], style=one.style, group=one.group, **more)
+            pages.curve(
+                one.name, fx * (one.x[keep] - start), fy * one.y[keep], style=one.style, group=one.group, **more
+            )
         )
     linked = f'{of}: {x}' if chart.x[1] == 's' else None
     return pages.chart(chart.title, x, y, curves, linked=linked)

@@ -96,7 +96,8 @@ def _run(motion: RecordedMotion, origin: np.ndarray) -> dict[str, Any]:
     return {
         'name': motion.name,
         'follows': motion.follows,
-        'time': floats(motion.time),
+        'time': floats(motion.time - motion.time[0]),
+        'start': float(motion.time[0]),
         'base': floats(base),
         'packed': packed(np.hstack(columns)),
         **described(motion.drawing),
@@ -156,14 +157,16 @@ def packed(values: np.ndarray) -> dict[str, Any]:
 def _chart(name: str, unit: str, motions: list[RecordedMotion]) -> pages.Block:
     """A channel of every recording that has it, thinned to the extremes of every stretch."""
     curves = []
+    start = min(motion.time[0] for motion in motions)  # stamps are counted from it, for they have 32 bits
     for k, motion in enumerate(motions):
         if name not in motion.run.columns:
             continue
         topic = next(one for one in motion.run.series.values() if name in one.columns)
-        time, value = topic.time_ns * 1e-9, topic.columns[name]
+        time, value = topic.time_ns * 1e-9 - start, topic.columns[name]
         keep = thinned(POINTS, value)
         colour = 1 if len(motions) == 1 else (1, 3, 4, 2)[k % 4]
-        curves.append(pages.curve(motion.name if len(motions) > 1 else '', time[keep], value[keep], colour=colour))
+        own = motion.name if len(motions) > 1 else ''
+        curves.append(pages.curve(own, time[keep], value[keep], colour=colour, start=float(start)))
     label = name.rpartition('/')[2] + (f' [{unit}]' if unit not in ('', '1') else '')
     return pages.chart(name, 'time [s]', label, curves, linked='time', seeks=True)
 

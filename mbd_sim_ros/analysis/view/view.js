@@ -23,7 +23,7 @@ kinds.motion = (block, parent) => {
   for (const key of ['origin', 'size', 'ground', 'runs']) data[key] = view[key] = block[key];  // where scene.js looks
   view.ground = (x0, y0) => grid(x0, y0, METRES, nodes);
   const set = async run => {
-    for (const key of ['time', 'base']) run[key] = floats(run[key]);
+    run.time = floats(run.time, run.start); run.base = floats(run.base);
     const n = run.time.length, m = run.bodies * 7, w = 3 * run.wheels.length, all = await unpacked(run.packed), width = m + 2 * w;
     run.pose = new Float32Array(n * m); run.contact = new Float32Array(n * w); run.force = new Float32Array(n * w);
     for (let k = 0; k < n; k++) {
