@@ -38,7 +38,7 @@ class LinearTrack:
             name in before.origin and abs(value - before.origin[name]) <= NEAR * widths[name]
             for name, value in centre.items()
         )
-        self.origin = before.origin if before is not None and near else dict(centre)  # of the slopes
+        self.origin: dict[str, float] = before.origin if before is not None and near else dict(centre)  # of the slopes
         self.slopes: dict[str, Tables] = before.slopes if before is not None and near else {}
         for name in centre:
             if name not in self.slopes:
