@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import subprocess
@@ -57,6 +58,7 @@ class Process:
                 command, cwd=directory, env=environment, stdout=output, stderr=output, start_new_session=True
             )
         os.close(output)
+        atexit.register(self.kill)  # where a test fails before it ends the process
         self.output = ''
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
