@@ -13,6 +13,7 @@ import numpy as np
 
 from mbd_sim_ros.analysis import pages
 from mbd_sim_ros.analysis.pages import write_text
+from mbd_sim_ros.analysis.provenance import facts_of_scene
 from mbd_sim_ros.analysis.rating import rate
 from mbd_sim_ros.fitting.estimation import Fitted, report
 from mbd_sim_ros.fitting.foresight import Told
@@ -55,9 +56,8 @@ def vehicle_text(fitted: Fitted) -> str:
     values = {name: e.value for name, e in fitted.parameters.items()}
     scene = problem.car.scene(_all(fitted))
     data = read_back(scene.resolved)['vehicle']
-    base = problem.file.vehicle or f'like {problem.file.like.vehicle}'  # type: ignore[union-attr]
     head = [
-        f'# Fitted to recordings by mbd fit, from {base}; sources {sources()[:12]}.',
+        f'# Fitted to recordings by mbd fit, from {_base(problem)}; sources {sources()[:12]}.',
         *(
             f'# {name} = {with_unit(f"{values[name]:.6g}", e.unit)}, 95 % from {e.low:.4g} to {e.high:.4g}, '
             f'{"told by the recordings" if e.told else "by what was known before"}'
@@ -70,6 +70,11 @@ def vehicle_text(fitted: Fitted) -> str:
         ),
     ]
     return '\n'.join(head) + '\n' + str(text_of(node_of(data, None)))
+
+
+def _base(problem: Any) -> str:
+    """The vehicle that the fit began with, as its file names it."""
+    return problem.file.vehicle or f'like {problem.file.like.vehicle}'
 
 
 def _all(fitted: Fitted) -> dict[str, float]:
@@ -163,8 +168,26 @@ def page(fitted: Fitted, rated: dict[str, dict[str, float | None]]) -> pages.Pag
         (name, f'{n.noise:.3g} {_unit(fitted, name)}', f'{n.size:.3g}', f'{n.time:.3g} s')
         for name, n in fitted.noise.items()
     ]
+    better = [
+        f'{name} {one["rms"]:.3g} {_unit(fitted, name)} (before {one["before"]:.3g})'
+        for name, one in fitted.held_out.items()
+    ]
+    of_use = {
+        use: ', '.join(name for name, one in problem.file.recordings.items() if one.use == use)
+        for use in ('fit', 'held_out')
+    }
+    resolved = problem.car.scene(_all(fitted)).resolved
     return pages.Page(
         title='Fit of ' + (problem.file.vehicle or 'a vehicle'),
+        verdict='RMS of the error on what is held out: ' + ', '.join(better),
+        ok=all(one['rms'] <= one['before'] for one in fitted.held_out.values()) or None,
+        facts=[
+            *(fact for fact in facts_of_scene(resolved, 'fit') if 'vehicle' in fact[0]),
+            ('begun with', _base(problem)),
+            ('level', problem.file.level),
+            ('fitted to', of_use['fit']),
+            ('held out', of_use['held_out']),
+        ],
         about=(
             f'{fitted.preflight.seconds:.0f} s of recordings in {fitted.preflight.windows} windows, driven open loop '
             f'at level {problem.file.level}; {problem.runs} runs of all windows.',

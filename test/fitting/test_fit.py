@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import data_of
 
 from mbd_sim_ros import fitting
 from mbd_sim_ros.commands.main import main
@@ -91,6 +92,11 @@ def test_known_truth_from_python(first: Fitted, tables: Path, out: Path) -> None
     files = fitting.write(first, out)
     text = Path(files['vehicle']).read_text()
     assert 'cornering_stiffness_front' in text
+    page = data_of(Path(files['page']))
+    facts = dict(page['facts'])
+    assert page['verdict']['ok'] is True and 'yaw_rate' in page['verdict']['text']
+    assert facts['vehicle'].startswith('light_car, changed, hash ') and 'LKY' in facts['changed keys of the vehicle']
+    assert {'begun with', 'level', 'fitted to', 'held out'} <= {*facts} and '' not in facts.values()
     from mbd_sim_ros.sweep.design import cases, load_sweep
     from solver import load_scene
 
