@@ -78,13 +78,14 @@ def facts_of_runs(runs: Sequence[Run], places: Sequence[str]) -> list[tuple[str,
     """Facts of recordings, and in which keys each of them differs from the first."""
     found = facts_of_run(runs[0], places[0])
     for run, place in zip(runs[1:], places[1:], strict=True):
-        found += facts_of_run(run, place) + facts_of_difference(runs[0], places[0], run)
+        found += facts_of_run(run, place) + facts_of_difference(runs[0].metadata, places[0], run.metadata)
     return found
 
 
-def facts_of_difference(base: Run, name: str, other: Run) -> list[tuple[str, str]]:
-    """Keys in which the scene of another recording differs from that of the one called `name`, with both values."""
-    texts = [run.metadata.get('resolved_scene', '') for run in (base, other)]
+def facts_of_difference(base: Mapping[str, str], name: str, other: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Keys in which the scene of a recording differs from that of the one called `name`, with both values; from the
+    metadata of both."""
+    texts = [known.get('resolved_scene', '') for known in (base, other)]
     if not all(texts):
         return []
     try:

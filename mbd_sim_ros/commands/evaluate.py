@@ -14,7 +14,6 @@ from solver.errors import MbdError, SpecError
 if TYPE_CHECKING:
     from mbd_sim_ros.analysis.evaluation import figures
     from mbd_sim_ros.analysis.evaluation.variants import Variant
-    from mbd_sim_ros.bags.reader import Run
     from solver.scene import Scene
 
 SHOWN = 3  # results whose figures are printed
@@ -111,7 +110,7 @@ def run(args: argparse.Namespace) -> Result:
         judging.called(args.name)  # a wrong name is told before anything is read
     about: list[str] = []
     facts: list[tuple[str, str]] = []
-    bases: dict[str, tuple[str, Run]] = {}  # scene -> the first variant of it, and its recording
+    bases: dict[str, tuple[str, Mapping[str, str]]] = {}  # scene -> the first variant of it, metadata of its recording
 
     def judged(place: Path, variant: str) -> tuple[figures.Result, Scene | None]:
         interrupts.now(f'judging {place}')
@@ -119,9 +118,10 @@ def run(args: argparse.Namespace) -> Result:
         evaluation = judging.meant(scene, args.name, str(place))
         if args.html is not None and len(facts) < FACTS:
             facts.extend(facts_of_run(recording, str(place)))
-            of_base, base = bases.setdefault(recording.metadata.get('scene', ''), (variant, recording))
-            if of_base != variant:
-                facts.extend(facts_of_difference(base, of_base, recording))
+        known = recording.metadata
+        of_base, base = bases.setdefault(known.get('scene', ''), (variant, known))
+        if of_base != variant:
+            about.extend(f'{variant} {how}: {keys}' for how, keys in facts_of_difference(base, of_base, known))
         result = judging.judge(
             evaluation, recording, str(place), given, held=held, scene=scene, mapped=bool(sources or axes)
         )

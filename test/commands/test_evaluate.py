@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import data_of
 from drives import EPOCH, circling, dwelling, stepped, weaving
 from scalars import run_of, write_scalars
 
@@ -19,9 +20,10 @@ from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
 from mbd_sim_ros.analysis.evaluation.signals import WAYS, Signals, scene_of
 from mbd_sim_ros.analysis.evaluation.variants import Variant
 from mbd_sim_ros.bags.reader import Run
+from mbd_sim_ros.batch import simulate
 from mbd_sim_ros.commands.evaluate import report
 from mbd_sim_ros.commands.main import main
-from solver import load_scene
+from solver import load_scene, simulation_of
 from solver.errors import SpecError
 
 G = 9.80665
@@ -478,6 +480,23 @@ def test_differences_say_no_more_than_is_known() -> None:
         'close': ('m', '1 ± 0.01', '1.015 ± 0.01', variants.WITHIN),
         'lone': ('m', '1', '-', '-'),
     }
+
+
+@pytest.mark.slow
+def test_variants_say_in_which_keys_they_differ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Those of our own recordings, at the head of text and page: the second from the first, and one that does not."""
+    places = []
+    for name, overrides in (('base', ()), ('heavy', ('vehicle.chassis.mass=1500', 'integrator.h=0.002')), ('same', ())):
+        simulation = simulation_of(load_scene('light_car_step_steer', ['duration=6', *overrides]))
+        places.append(str(tmp_path / name))
+        simulate(simulation, simulation.scene.steps, directory=tmp_path / name)
+    html = tmp_path / 'p.html'
+    assert main(['evaluate', *places, '--as', 'iso7401_step', '--html', str(html)]) == 0
+    said = capsys.readouterr().out
+    heavy = said.splitlines()[0].removeprefix('heavy differs from base: ')
+    assert {*heavy.split(', ')} == {'integrator.h: 0.001 \u2192 0.002', 'vehicle.chassis.mass: 1250 \u2192 1500'}
+    assert 'same differs from base: none' in said
+    assert any(line.startswith('heavy differs from base: ') for line in data_of(html)['about'])
 
 
 def test_a_series_is_a_variant_and_so_is_what_mbd_maneuver_left(
