@@ -168,17 +168,20 @@ def require_native(simulation: Simulation, *, applied: bool = False) -> None:
         kind = f'integrator.kind = {scene.integrator.kind!r}: has no native form: take alf'
         level = "fidelity = 'single_track': has no native form: take another level of detail"
         raise SpecError(kind if simulation.of_bodies else level)
-    sources = simulation.sources
-    for part, key, name in (
-        (sources.driver, 'maneuver', 'a driver, who sees the motion'),
-        (sources.assistant, 'assistance', 'assistance'),
-        (sources.actuators, 'actuation', 'actuators'),
-        (sources.controllers or None, 'controllers', 'controllers'),
+    sources, maneuver = simulation.sources, scene.maneuver
+    steered = {'driver': 'a driver', 'speed': 'a speed that is kept'}
+    closed = [key for key in steered if getattr(maneuver, key) is not None] if sources.driver is not None else []
+    without = ' '.join(f'--set maneuver.{key}=null' for key in closed)
+    for part, key, name, how in (
+        (closed or None, 'maneuver', ' and '.join(steered[key] for key in closed), f' ({without})'),
+        (sources.assistant, 'assistance', 'assistance', ''),
+        (sources.actuators, 'actuation', 'actuators', ''),
+        (sources.controllers or None, 'controllers', 'controllers', ''),
     ):
         if part is not None and not applied:
             raise SpecError(
-                f'{key}: the scene has {name}, in Python alone: remove it from the scene and do its part outside, or '
-                'take the inputs as a run applies them (mbd build --as-applied)'
+                f'{key}: the scene has {name}, in Python alone: remove it from the scene{how} and do its part outside, '
+                'or take the inputs as a run applies them (mbd build --as-applied)'
             )
 
 

@@ -215,7 +215,13 @@ def test_a_maneuver_that_has_ended_is_told_unless_it_stays_as_it_is(built):
 @pytest.mark.parametrize(
     ('name', 'settings', 'sentence'),
     [
-        ('car_lane_change', [], 'maneuver: the scene has a driver'),
+        ('car_lane_change', [], r'maneuver: the scene has a driver, in Python alone.* \(--set maneuver.driver=null\)'),
+        ('saloon_with_trailer', [], r'the scene has a speed that is kept, in Python.* \(--set maneuver.speed=null\)'),
+        (
+            'handling_course',
+            [],
+            r'has a driver and a speed that is kept, .* \(--set maneuver.driver=null --set maneuver.speed=null\)',
+        ),
         pytest.param('car_step_steer', ['fidelity=single_track'], "fidelity = 'single_track'", marks=pytest.mark.slow),
         ('slider_crank', ['integrator.kind=reference_radau'], "integrator.kind = 'reference_radau'"),
     ],
