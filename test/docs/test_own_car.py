@@ -4,6 +4,7 @@ drives."""
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -35,3 +36,15 @@ def test_it_drives(capsys: pytest.CaptureFixture[str]) -> None:
         capsys, 'run', 'car_step_steer', *(part for change in changes for part in ('--set', change)), '--no-record'
     )
     assert found['status'] == 'ok'
+
+
+@pytest.mark.slow
+def test_its_understeer_is_tuned_in_one_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As the page has it; the vehicle file that comes of it has the figure."""
+    wanted = ['axles.front.suspension.tie_rod.inner[2]=0.225:0.245', 'understeer_gradient=3 deg/g']
+    page = (VAN.parents[1] / 'vehicle.md').read_text(encoding='utf-8')
+    assert all(f"'{one}'" in page for one in wanted)
+    tuned = tmp_path / 'tuned.yaml'
+    said(capsys, 'tune', str(VAN), *wanted, '--out', str(tuned))
+    found = said(capsys, 'info', str(tuned))['figures']['understeer_gradient']
+    assert math.degrees(found['value']) * 9.80665 == pytest.approx(3.0, rel=0.01)
