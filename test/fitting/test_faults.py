@@ -53,8 +53,8 @@ def short(one: Track) -> Track:
 @pytest.mark.parametrize(
     ('names', 'fault', 'sentence'),
     [
-        ('r', times(-1.0), 'yaw_rate is turned'),
-        ('ay', times(-1.0), 'lateral_acceleration is turned'),
+        ('r', times(-1.0), 'yaw_rate has the wrong sign'),
+        ('ay', times(-1.0), 'lateral_acceleration has the wrong sign'),
         ('angle', times(-1.0), 'all signals have the wrong sign for this steering'),
         ('ay', late(0.3), 'lateral_acceleration is 0.[23]. s late'),
         ('r', late(-0.3), 'yaw_rate is 0.[23]. s early'),
@@ -63,7 +63,7 @@ def short(one: Track) -> Track:
         ('r ay', drifting(4e-3), 'drifts by .* against that of the steering'),
         ('ay', times(1.0 / 9.80665), 'lateral_acceleration is 0\\.[01].* is its unit right'),
         ('r', times(57.3), 'yaw_rate is [4-7]\\d.* is its unit right'),
-        ('angle', times(2.2), 'those of the vehicle: the recording is that of another car'),
+        ('angle', times(2.2), 'those of the vehicle: the recording is of another car'),
         ('angle', times(57.3), 'vehicle'),
         ('r ay', shuffled, 'no signal goes with the steering'),
         ('r', frozen, 's are left to fit'),

@@ -55,7 +55,7 @@ def test_nothing_is_told_of_a_good_drive() -> None:
 @pytest.mark.parametrize(
     ('fault', 'sentence'),
     [
-        ({'factor': -1.0, 'only': 'yaw_rate'}, 'yaw_rate is turned'),
+        ({'factor': -1.0, 'only': 'yaw_rate'}, 'yaw_rate has the wrong sign'),
         ({'factor': -1.0}, 'all signals have the wrong sign for this steering'),
         ({'delay': lambda t: 0.3, 'only': 'yaw_rate'}, 'yaw_rate is 0.30 s late'),
         ({'delay': lambda t: -0.3, 'only': 'yaw_rate'}, 'yaw_rate is 0.30 s early'),
