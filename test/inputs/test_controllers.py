@@ -147,6 +147,11 @@ def test_a_unit_without_states_can_only_begin_at_its_start(archive):
     ('other', 'more', 'sentence'),
     [
         ({}, {'inputs': '{torque: yaw_rate}'}, "inputs: variable 'torque' has causality 'output', not 'input'"),
+        ({}, {'inputs': '{gain: yaw_rate}'}, "inputs: variable 'gain' has causality 'parameter', not 'input'"),
+        ({'speed_unit': 'mm/s'}, {}, "variable 'speed' is in 'mm/s', and longitudinal_velocity in 'm/s'"),
+        ({'speed_unit': 'rad/s'}, {}, "variable 'speed' is in 'rad/s', and longitudinal_velocity in 'm/s'"),
+        ({'platform': 'darwin64'}, {}, 'has no binary for this platform \\(linux64\\), only for darwin64'),
+        ({'platform': 'linux32'}, {}, 'has no binary for this platform \\(linux64\\), only for linux32'),
         ({'speed_unit': 'km/h'}, {}, "variable 'speed' is in 'km/h', and longitudinal_velocity in 'm/s'"),
         ({'platform': 'win64'}, {}, 'has no binary for this platform \\(linux64\\), only for win64'),
         ({}, {'inputs': '{sped: longitudinal_velocity}'}, "has no variable 'sped'; did you mean 'speed'"),
