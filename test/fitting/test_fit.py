@@ -203,5 +203,5 @@ def test_a_result_that_is_worse_is_refused(file: Path, tmp_path: Path) -> None:
 def test_priors_that_exclude_each_other(file: Path) -> None:
     """A number that is known to a thousandth, and which the recordings contradict."""
     file.write_text(FIT.replace('cornering_stiffness_rear: {}', 'cornering_stiffness_rear: {value: 1.5, sd: 0.1 %}'))
-    with pytest.raises(BagError, match='those of another car, or the prior is wrong'):
+    with pytest.raises(BagError, match='of another car, or its value and sd under parameters'):
         fitting.fit(fitting.load(file))
