@@ -3,6 +3,7 @@ rests."""
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib.util import find_spec
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 from numba.core import event
 from tqdm import tqdm
 
+from solver.engine import ahead
 from solver.model.spec import ModelSpec
 
 # Kernels that the first run of a new version compiles, about: of a scene without tires and of a car with all its
@@ -21,32 +23,41 @@ FORMAT = '{desc}: {n_fmt} of about {total_fmt} kernels |{bar:30}| {elapsed}'
 
 
 class Bar(event.Listener):
-    """Count of the kernels of the solver that numba has compiled, those too that were compiled for others. total: about
-    how many there will be. shown: draw it."""
+    """Count of the kernels of the solver that numba has compiled, those too that were compiled for others, or in
+    another process for this one. total: about how many there will be. shown: draw it."""
 
     def __init__(self, *, shown: bool) -> None:
-        self.total, self.count, self.shown = OF_CAR, 0, shown
+        self.total, self.here, self.shown = OF_CAR, 0, shown
+        self._process, self._before = os.getpid(), ahead.elsewhere
         self._depth = 0
         self._drawn: tqdm | None = None
 
+    @property
+    def count(self) -> int:
+        """Kernels that were compiled."""
+        return self.here + ahead.elsewhere - self._before
+
     def on_start(self, event: Any) -> None:
-        """A kernel begins to be compiled."""
-        if _is_ours(event):
+        """A kernel begins to be compiled, or this process waits for one that is compiled elsewhere."""
+        if event.kind == ahead.WAITING:
+            self._draw()
+        elif _is_ours(event):
             self._depth += 1
             self._draw()
 
     def on_end(self, event: Any) -> None:
-        """It is compiled."""
-        if not _is_ours(event):
-            return
-        self._depth -= 1
-        self.count += 1
-        self._draw()
+        """It is compiled, or waiting has ended."""
+        if event.kind != ahead.WAITING:
+            if not _is_ours(event):
+                return
+            self._depth -= 1
+            self.here += 1
+            self._draw()
         if self._drawn is not None and self._depth == 0:
             self._drawn.clear()
 
     def _draw(self) -> None:
-        if not self.shown:
+        if not self.shown or os.getpid() != self._process:
             return
         if self._drawn is None:
             self._drawn = tqdm(
@@ -73,6 +84,7 @@ def tell(shown: bool, model: ModelSpec) -> None:
     if _bar is None:
         _bar = Bar(shown=True)
         event.register('numba:compile', _bar)
+        event.register(ahead.WAITING, _bar)
     _bar.total = _bar.count + (OF_CAR if model.tires else OF_MECHANISM)
 
 

@@ -12,8 +12,10 @@ import numpy as np
 from solver.checks.motion import BRANCH_SWITCHES
 from solver.compiled.by_reference import Ref, nbytes
 from solver.compiled.kernel import address_of
+from solver.engine.ahead import Ahead
 from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
+from solver.model.compile import compile_model
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
 from solver.model.saddle import new_saddle
 from solver.model.scale import slow_speed
@@ -46,12 +48,15 @@ class Bodies:
 
     states: the current one, and room for the next. scheme: the settings of the step as it takes them. branches: looks
     for branch switches where the scene asks for them. rescued: branch switches across steps that failed and were
-    divided.
+    divided. ahead: compiles the kernel of the step as its first part. bound: False for types alone, for a step that is
+    compiled and never made.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, *, ahead: Ahead | None = None, bound: bool = True) -> None:
         self.scene = scene
-        self.model: Model = prepare(scene.model)
+        self.model: Model = prepare(scene.model) if bound else compile_model(scene.model)
+        if ahead is not None:
+            ahead.ready(1)
         record = scene.record
         self.channels = channels_of(self.model, motions=record.motions > 0.0, energies=record.energies > 0.0)
         self.chassis = self.channels.chassis or 0

@@ -11,6 +11,7 @@ from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import address_of
 from solver.elements.registry import CONSTRAINTS, FORCES
 from solver.engine import Kept, Moved, instant
+from solver.engine.ahead import Ahead
 from solver.engine.bodies import Bodies
 from solver.errors import SpecError
 from solver.inputs.driving import Driven
@@ -41,14 +42,19 @@ class Stepping:
 
     follows = False
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, *, bound: bool = True) -> None:
         if scene.integrator.kind not in KINDS:
             raise SpecError(
                 f'integrator: kind = {scene.integrator.kind!r}: this engine knows {", ".join(KINDS)}; use '
                 'simulation_of(scene)'
             )
         self.scene = scene
-        self.shown = bodies = Bodies(scene)
+        self._ahead = Ahead(lambda: Bodies(scene, bound=False), lambda: Stepping(scene, bound=False).compile())
+        if bound:
+            with self._ahead:
+                self.shown = bodies = Bodies(scene, ahead=self._ahead)
+        else:
+            self.shown = bodies = Bodies(scene, bound=False)
         self._h, self._tables = bodies.h, bodies.model.tables
         settings = bodies.settings
         # A force-like input is held over the interval of the grid: with steps of any size inside, its mean is what
@@ -88,7 +94,17 @@ class Stepping:
 
     def start(self, u: np.ndarray) -> Changes:
         """Find the consistent state at t = 0. Raises ConsistencyError."""
-        return self.shown.start(u, lambda result: self.shown.failure(result, instant(self.scene, 0)))
+        found = self.shown.start(u, lambda result: self.shown.failure(result, instant(self.scene, 0)))
+        self._ahead.ready(2)
+        return found
+
+    def compile(self) -> None:
+        """Compile the kernels that advance, and make no step."""
+        none = np.zeros((1, len(self.scene.model.inputs)))
+        if self.adaptation is not None:
+            self.adaptation.advance(self.shown.states, none, 0, 0, 0, False, lambda k: None)
+        else:
+            advance(self._tables, self.shown.scheme, *self.shown.states, none, 0, 0, False, self.shown.work)
 
     def start_like(self, other: Stepping, u: np.ndarray) -> None:
         """See Engine.start_like()."""
