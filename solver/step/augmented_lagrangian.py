@@ -170,7 +170,7 @@ def project_velocity(tables, c, v, u, passes, work):
                 c.form,
                 work.saddle,
                 work.augmentation,
-                True,
+                YES,
                 ENOUGH * ENOUGH,
                 0.0,
                 work.rate,

@@ -285,7 +285,7 @@ def advance_adapting(tables, c, control, s0, s1, inputs, first, count, k, audit,
                 return StepResult(BAD_INPUT, i, total), 0, False
     old, new = s0, s1
     swapped = False
-    left = ATTEMPTS
+    left = np.int64(ATTEMPTS)  # no literal, as what is left is none
     done = 0
     status, where = OK, 0
     while done < count and status == OK:

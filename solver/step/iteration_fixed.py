@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver.compiled.kernel import YES, kernel
+from solver.compiled.kernel import NO, YES, kernel
 from solver.model.evaluate import evaluate_constraints
 from solver.model.saddle import solve_saddle
 from solver.output.snapshot import Counters
@@ -149,7 +149,7 @@ def iterate_fixed(tables, c, s0, s1, u, cz, speed, work):
     refactor: np.bool_ | bool = YES
     begin_iterations(work)
     growing = c.combined == 1 and grew(s0.lam, s0.lam_before)
-    unseen = False
+    unseen = NO
     for it in range(max(c.iterations, MOST_ITERATIONS)):
         iterations += 1
         evaluations += evaluate_tried(tables, c, s0, s1, u, cz, part, refactor, J_end, work)
