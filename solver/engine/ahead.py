@@ -123,6 +123,8 @@ class Ahead(event.Listener):
         except BaseException:
             self._end()
             raise
+        if self._done == len(self._parts):
+            self._end()
         event.broadcast(event.Event(WAITING, event.EventStatus.END))
 
     def _end(self) -> None:
