@@ -14,6 +14,7 @@ import select
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -72,7 +73,9 @@ class Ahead(event.Listener):
             return
         self._begun = True
         self._pipe, write = os.pipe()
-        self._child = os.fork()
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', DeprecationWarning)  # of forks beside any thread, from Python 3.12 on
+            self._child = os.fork()
         if self._child:
             os.close(write)
         else:
