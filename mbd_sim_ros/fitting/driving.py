@@ -75,6 +75,8 @@ class Inputs:
         speed = _smoothed(_smoothed(data.tracks[drive.speed], half), half)
         self._speed = _spline(speed.t, speed.y)
         self.followed = not drive.torques
+        self._steered: tuple[Steering, np.ndarray] | None = None
+        self._followed: tuple[float, tuple[np.ndarray, np.ndarray]] | None = None
         self._middle = window.begin + self.h * (np.arange(self.chunks * CHUNK) + 0.5)
         self.torques = [
             np.interp(self._middle, data.tracks[name].t, data.tracks[name].y) if name else np.zeros(self._middle.size)
@@ -83,7 +85,12 @@ class Inputs:
 
     def speed(self, known: Steering) -> tuple[np.ndarray, np.ndarray]:
         """(speed [m/s] at all samples, its slope [m/s^2] in the middle of all steps); beyond the recording that of its
-        end."""
+        end. The last one is kept, as that of the steering."""
+        if self._followed is None or self._followed[0] != known.speed_delay:
+            self._followed = known.speed_delay, self._speed_of(known)
+        return self._followed[1]
+
+    def _speed_of(self, known: Steering) -> tuple[np.ndarray, np.ndarray]:
         first, last = self._speed.x[[0, -1]]
         samples, middle = (
             np.clip(t + known.speed_delay, first, last) for t in (self.window.begin + self.t, self._middle)
@@ -91,7 +98,13 @@ class Inputs:
         return self._speed(samples), self._speed(middle, 1)
 
     def steering(self, known: Steering) -> np.ndarray:
-        """(steps, 3) angle, rate and acceleration of the steering wheel at the ends of all steps."""
+        """(steps, 3) angle, rate and acceleration of the steering wheel at the ends of all steps. The last one is kept:
+        vehicles with other numbers steer alike."""
+        if self._steered is None or self._steered[0] != known:
+            self._steered = known, self._steering_of(known)
+        return self._steered[1]
+
+    def _steering_of(self, known: Steering) -> np.ndarray:
         ends = self.window.begin + self.h * np.arange(1, self.chunks * CHUNK + 1)
         wanted = ends + known.delay
         at = np.clip(wanted, *self._ends)

@@ -233,14 +233,14 @@ class Problem:
 
     def signals(self, x: np.ndarray, motions: Sequence[np.ndarray], which: Sequence[int]) -> list[np.ndarray]:
         """Predicted values of the pieces of windows, in their order."""
-        values = self.values(x)
-        place = {k: i for i, k in enumerate(which)}
-        made = {name: self._made(name, values) for name in self.file.channels}
-        return [
-            made[p.channel].at(motions[place[p.window]], self.dt, p.t, p.spread)
-            for p in self.pieces
-            if p.window in place
-        ]
+        values, place = self.values(x), {k: i for i, k in enumerate(which)}
+        pieces, found = [p for p in self.pieces if p.window in place], {}
+        for name in self.file.channels:
+            own = [p for p in pieces if p.channel == name]
+            driven = [motions[place[p.window]] for p in own]
+            shown = self._made(name, values).shown(driven, self.dt, [p.t for p in own], [p.spread for p in own])
+            found[name] = iter(shown)
+        return [next(found[p.channel]) for p in pieces]
 
     def _made(self, name: str, values: Mapping[str, float]) -> Sensor:
         channel = self.file.channels[name]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -33,6 +33,8 @@ def _force(axis: int) -> Any:
 
 
 def _specific_force(rows: np.ndarray, arm: np.ndarray, dt: float) -> np.ndarray:
+    if not arm.any():
+        return rows[:, :3]
     w = rows[:, 3:6]
     return np.asarray(rows[:, :3] + np.cross(np.gradient(w, dt, axis=0), arm) + np.cross(w, np.cross(w, arm)))
 
@@ -94,6 +96,7 @@ KINDS = {
     **{f'wheel_speed_{corner}': Kind('rad/s', 0.3, 0.1, _wheel(k)) for k, corner in enumerate(CORNERS)},
 }
 AROUND = ('longitudinal_velocity', 'vertical_acceleration', *(f'wheel_speed_{corner}' for corner in CORNERS))
+OF = {name: kind.of for name, kind in KINDS.items()}
 HORIZONTAL = {'longitudinal_acceleration': _horizontal(0), 'lateral_acceleration': _horizontal(1)}
 # sd of the delay [s] and gain of a usual sensor; ten times as much would be a fault
 DELAY, GAIN = 0.02, 0.01
@@ -119,10 +122,31 @@ class Sensor:
     def at(self, rows: np.ndarray, dt: float, t: np.ndarray, spread: np.ndarray | float = 0.0) -> np.ndarray:
         """The signal at times t [s] from the first of the rows, as means over times with a variance `spread` [s^2]
         around them."""
+        return self.shown([rows], dt, [t], [spread])[0]
+
+    def shown(
+        self, motions: Sequence[np.ndarray], dt: float, t: Sequence[np.ndarray], spread: Sequence[np.ndarray | float]
+    ) -> list[np.ndarray]:
+        """The same of many motions: cubic splines through all of one length are made at once."""
+        values = [self._values(rows, dt) for rows in motions]
+        found = [np.zeros(0)] * len(values)
+        for size in {one.size for one in values}:
+            own = [k for k, one in enumerate(values) if one.size == size]
+            curves = CubicSpline(dt * np.arange(size), np.column_stack([values[k] for k in own])).c
+            for j, k in enumerate(own):
+                at = np.clip(t[k] - self.delay, 0.0, dt * (size - 1))
+                piece = np.minimum((at / dt).astype(int), size - 2)
+                x = at - dt * piece
+                c3, c2, c1, c0 = curves[:, piece, j]
+                mean = ((c3 * x + c2) * x + c1) * x + c0 + spread[k] * (3.0 * c3 * x + c2)
+                found[k] = np.asarray(self.gain * mean + self.offset)
+        return found
+
+    def _values(self, rows: np.ndarray, dt: float) -> np.ndarray:
         place = np.array(self.place) + [self.lever_x, self.lever_y, 0.0]
         arm = place - np.array(self.com)
         turn = self.yaw + self.mounting
-        of = {name: kind.of for name, kind in KINDS.items()} | (HORIZONTAL if self.horizontal else {})
+        of = OF | (HORIZONTAL if self.horizontal else {})
         values = of[self.kind](rows, arm, place, dt)
         pair = PAIRS.get(self.kind)
         if pair is not None and turn:
@@ -130,9 +154,7 @@ class Sensor:
             values = np.cos(turn) * values + pair[1] * np.sin(turn) * other
         elif self.kind == 'sideslip':
             values = values - turn
-        grid = dt * np.arange(rows.shape[0])
-        curve, at = CubicSpline(grid, values), np.clip(t - self.delay, 0.0, grid[-1])
-        return np.asarray(self.gain * (curve(at) + 0.5 * spread * curve(at, 2)) + self.offset)
+        return np.asarray(values)
 
 
 PAIRS = {  # the other component of a vector in the plane, and the sign of its part where the sensor turns left
