@@ -105,7 +105,6 @@ def _fit(problem: Problem, out: str | Path | None, say: Say) -> Fitted:
     problem.require_enough()
     if out is not None:
         problem.remember(Path(out) / 'runs')
-    which, kept_out = problem.of('fit'), problem.of('held_out')
     problem.linearize(problem.start)
     say('looking at the recordings beside the vehicle')
     problem.leave_out_undriven()
@@ -114,10 +113,11 @@ def _fit(problem: Problem, out: str | Path | None, say: Say) -> Fitted:
     alone = np.array([u.of != 'vehicle' for u in problem.unknowns])
     say('steering and sensors alone')
     try:
-        first = descend(problem, problem.start, which, alone, say, 0.1)
-        problem.leave_out_undriven(first.x)  # at the limit a little more steering makes it spin
-        problem.require_enough()
-        kept_out = problem.of('held_out')
+        first = descend(problem, problem.start, problem.of('fit'), alone, say, 0.1)
+        while problem.leave_out_undriven(first.x):  # at the limit a little more steering makes it spin
+            problem.require_enough()
+            first = descend(problem, first.x, problem.of('fit'), alone, say, 0.1)
+        which, kept_out = problem.of('fit'), problem.of('held_out')
         before_held = problem.residuals(first.x, kept_out)
     except StepError as error:
         raise StepError(

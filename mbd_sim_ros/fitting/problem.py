@@ -252,13 +252,13 @@ class Problem:
         """Windows of a use."""
         return [k for k, w in enumerate(self.windows) if w.use == use and k not in self.undriven]
 
-    def leave_out_undriven(self, x: np.ndarray | None = None) -> None:
+    def leave_out_undriven(self, x: np.ndarray | None = None) -> bool:
         """Leave out, and name, the windows that the vehicle as it is given cannot drive: it spins there, or a wheel
-        does. x: with its steering and sensors; left out: those of the start."""
+        does. x: with its steering and sensors; left out: those of the start. True where there is any."""
         x = self.start if x is None else x
         every = [*self.of('fit'), *self.of('held_out')]
         if not every or not isinstance(self.many([x], every)[0], MbdError):
-            return
+            return False
         for k in every:
             error = self.many([x], [k])[0]
             if isinstance(error, MbdError):
@@ -276,6 +276,7 @@ class Problem:
             )
         self.pieces = [p for p in self.pieces if p.window not in self.undriven]
         self._factors = {}  # by place among the pieces
+        return True
 
     def residuals(self, x: np.ndarray, which: Sequence[int], motions: Sequence[np.ndarray] | None = None) -> np.ndarray:
         """Measured less predicted, of all pieces of windows one behind the other. Raises MbdError."""
