@@ -25,6 +25,7 @@ from mbd_sim_ros.fitting.noise import Noise, estimated
 from mbd_sim_ros.fitting.problem import Problem
 from mbd_sim_ros.fitting.screen import screen
 from mbd_sim_ros.fitting.solve import Found, descend
+from mbd_sim_ros.fitting.unknowns import FARTHEST
 from solver.errors import BagError, SpecError, StepError
 
 # fits with weights from the residuals of the one before, at most: three settle most of them; ten times as many would
@@ -40,8 +41,6 @@ SAME = 0.3
 # of the weighted error on what is held out: from there on a result predicts it worse; 1.2 lets pass what is worse by a
 # fifth
 WORSE = 1.02
-# sd of what is known before, from which recordings are those of another car; ten times as many refuse none
-FARTHEST = 4.0
 # sd of the classes by which further starts lie about the first; ten times as much begins with cars that spin
 SPREAD = 1.0
 Say = Callable[[str], None]

@@ -19,7 +19,7 @@ from mbd_sim_ros.fitting.file import FitFile, number_of
 from mbd_sim_ros.fitting.noise import Noise, whitened
 from mbd_sim_ros.fitting.recordings import Data
 from mbd_sim_ros.fitting.runs import Driven, Job, Memory, Workers
-from mbd_sim_ros.fitting.sensors import KINDS, Sensor
+from mbd_sim_ros.fitting.sensors import KINDS, LOOK, Sensor
 from mbd_sim_ros.fitting.unknowns import grown, unknowns_of
 from solver.disk import digest, sources
 from solver.errors import BagError, MbdError, SpecError
@@ -66,8 +66,8 @@ class Problem:
         self.told = [line for one in self.data.values() for line in one.told]
         self.inputs = [Inputs(self.data[w.recording], file.drive, w, self.car) for w in self.windows]
         self.dt = self.inputs[0].dt if self.inputs else 10.0 * self.car.h
-        self.pieces = self._pieces()
-        self.unknowns, self._steering, self._sensors = unknowns_of(file, self.car, self.kinds)
+        self.unknowns, self._steering, self._sensors = every = unknowns_of(file, self.car, self.kinds)
+        self.pieces = self._pieces({name: every.lead(name, LOOK * size.time) for name in file.channels})
         self.names = [u.name for u in self.unknowns]
         self._factors: dict[tuple[int, str], np.ndarray] = {}
         self.reset_noise()
@@ -109,15 +109,16 @@ class Problem:
                     'recordings, or shorter windows' + _why(self.told)
                 )
 
-    def _pieces(self) -> list[Piece]:
+    def _pieces(self, lead: Mapping[str, float]) -> list[Piece]:
+        """Samples that are compared. lead [s]: by which a sensor may be early. In the last of a window it shows motions
+        after its end, which are not driven; beside the motion of the end they would say that it is late."""
         found = []
         for k, window in enumerate(self.windows):
-            begin = window.begin
             for name, channel in self.file.channels.items():
                 track = self.data[window.recording].tracks[channel.channel]
                 keep = (track.t >= window.first) & (track.t <= window.last)
-                t, y, spread = _means(track.t[keep] - begin, track.y[keep], self.dt)
-                inside = t <= self.inputs[k].t[-1]
+                t, y, spread = _means(track.t[keep] - window.begin, track.y[keep], self.dt)
+                inside = t <= self.inputs[k].t[-1] - lead[name]
                 if inside.sum() >= 4:
                     found.append(Piece(k, name, t[inside], y[inside], spread[inside]))
         return found

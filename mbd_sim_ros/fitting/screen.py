@@ -12,11 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mbd_sim_ros.fitting.problem import Problem
-from mbd_sim_ros.fitting.sensors import DELAY
+from mbd_sim_ros.fitting.sensors import DELAY, LOOK
 from solver.errors import BagError
 
-# s to either side in which a delay is sought, of a passenger car; in ten times as much another bend of the road fits
-LOOK = 0.6
 LATE = 6.0  # sd of a delay from which it is a fault; with ten times as many 1 s is none
 ALIKE = 0.8  # correlation from which a delay is believed; from 0.08 on noise has one
 # s by which delays of one recording may differ, of a passenger car; ten times as much hides a clock that drifts

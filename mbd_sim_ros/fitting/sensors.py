@@ -100,6 +100,8 @@ OF = {name: kind.of for name, kind in KINDS.items()}
 HORIZONTAL = {'longitudinal_acceleration': _horizontal(0), 'lateral_acceleration': _horizontal(1)}
 # sd of the delay [s] and gain of a usual sensor; ten times as much would be a fault
 DELAY, GAIN = 0.02, 0.01
+# s to either side in which a delay is sought, of a passenger car; in ten times as much another bend of the road fits
+LOOK = 0.6
 
 
 @dataclass(frozen=True)

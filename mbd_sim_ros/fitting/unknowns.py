@@ -21,6 +21,8 @@ OFFSET = math.radians(2.0)  # rad of the steering wheel
 ROAD_OFFSET = math.radians(0.15)  # rad of a road wheel
 LEVER = 0.05  # m, place of a sensor
 MOUNTING = 0.02  # rad, its direction
+# sd of what is known before, from which recordings are those of another car; ten times as many refuse none
+FARTHEST = 4.0
 LEAST, MOST = 0.02, 10.0  # bounds of a positive number, of its value; those of ten times as much are no bounds
 
 
@@ -54,6 +56,13 @@ class Unknowns(NamedTuple):
     estimated: list[Unknown]
     steering: dict[str, float]
     sensors: dict[str, dict[str, float]]
+
+    def lead(self, channel: str, most: float) -> float:
+        """Time [s], up to `most`, by which a sensor may show a motion before it happens, as stamps go."""
+        for u in self.estimated:
+            if (u.of, u.part) == (channel, 'delay'):
+                return min(max(FARTHEST * u.sd - u.centre, 0.0), most)
+        return max(-self.sensors[channel]['delay'], 0.0)
 
 
 def unknowns_of(file: FitFile, car: Any, kinds: Mapping[str, str]) -> Unknowns:

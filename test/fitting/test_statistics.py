@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -10,13 +11,18 @@ import pytest
 from mbd_sim_ros.fitting import estimation, solve
 from mbd_sim_ros.fitting.covariance import covariance_of, scatter_of
 from mbd_sim_ros.fitting.estimation import noise_of
+from mbd_sim_ros.fitting.file import Channel, Known
 from mbd_sim_ros.fitting.noise import Noise, estimated, whitened
 from mbd_sim_ros.fitting.problem import STEP, Piece, Problem
 from mbd_sim_ros.fitting.recordings import Window
+from mbd_sim_ros.fitting.runs import Job
+from mbd_sim_ros.fitting.sensors import LOOK
 from mbd_sim_ros.fitting.solve import Found, descend, within
-from mbd_sim_ros.fitting.unknowns import Unknown
-from mbd_sim_ros.lab.studies.fit_coverage import SWINGS, drives
-from solver.errors import StepError
+from mbd_sim_ros.fitting.unknowns import Unknown, unknowns_of
+from mbd_sim_ros.lab.studies.fit_coverage import SWINGS, drives, file_of
+from mbd_sim_ros.lab.usual_track import UsualTrack, distances
+from solver.errors import MbdError, StepError
+from solver.vehicle.size import Size
 
 
 class Linear(Problem):
@@ -323,3 +329,58 @@ def test_step_between_bounds(least: tuple, most: tuple, expected: tuple) -> None
     """The minimum of a parabola in a box, by its conditions: no slope along what is free."""
     A, g = np.array([[1.0, 0.9], [0.9, 1.0]]), np.array([1.0, 2.0])
     assert within(A, g, np.array(least), np.array(most)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ('known', 'lead'),
+    [
+        (None, 0.08),  # a usual sensor, to 20 ms
+        (Known(sd=0.005), 0.02),
+        (Known(value=-0.05, sd=0.01), 0.09),
+        (Known(value=0.1, sd=0.01), 0.0),
+        (Known(value=-0.03, sd='none'), 0.03),
+        (Known(sd='none'), 0.0),
+        (Known(), LOOK),  # nothing is known
+    ],
+)
+def test_sensors_may_be_early(known: Known | None, lead: float) -> None:
+    """A sensor shows a motion up to four standard deviations of its delay before it happens."""
+    file = dataclasses.replace(file_of(('one', 'held')), channels={'yaw_rate': Channel(channel='r', delay=known)})
+    car = UsualTrack(1500.0, *distances(2.7, 0.54), 0.01, Size())
+    assert unknowns_of(file, car, {'yaw_rate': 'yaw_rate'}).lead('yaw_rate', LOOK) == pytest.approx(lead)
+
+
+@pytest.mark.parametrize(('seed', 'swing'), [(900002, 0.55), (900002, 0.9), (900005, 0.9), (900007, 0.9)])
+def test_truth_has_no_residual(seed: int, swing: float) -> None:
+    """Without noise the true numbers explain every window to its last sample, also where sensors are early (the first
+    two by up to 25 ms). No unknown is off by more of its standard deviations than the norm of the whitened residuals;
+    what a run-in leaves of its start is less than a third."""
+    problem, truth = drives(seed, swing, loud=0.0)
+    x = np.array([(truth[u.name] - u.centre) / u.width for u in problem.unknowns])
+    which = problem.of('fit')
+    assert np.linalg.norm(problem.white(problem.residuals(x, which), which)) < 0.3
+
+
+@pytest.mark.slow
+def test_a_fit_goes_on_without_the_windows_that_cannot_be_driven(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One window in which the vehicle as it is given spins, and one held out in which it does with fitted sensors: both
+    are named, and the numbers are those of the others, as of a drive that never had them."""
+    problem, truth = drives(900002, SWINGS['below the limit'])
+    given, drive = problem._job(problem.start, [0]), problem.drive
+
+    def spins(job: Job) -> np.ndarray | MbdError:
+        if 2 in job.which or (16 in job.which and job.steering != given.steering and job.car == given.car):
+            return StepError('it spins')
+        return drive(job)
+
+    monkeypatch.setattr(problem, 'drive', spins)
+    found = estimation.fit(problem)
+    assert [*problem.of('fit'), *problem.of('held_out')] == [k for k in range(21) if k not in (2, 16)]
+    assert sum('cannot drive them (it spins)' in line for line in problem.told) == 2
+    alone, _ = drives(900002, SWINGS['below the limit'])
+    alone.undriven |= {2, 16}
+    alone.pieces = [p for p in alone.pieces if p.window not in (2, 16)]
+    same = estimation.fit(alone)
+    for name, one in same.parameters.items():
+        assert found.parameters[name].value == pytest.approx(one.value, abs=0.1 * one.sd)
+        assert abs(one.value - truth[name]) < 4.0 * one.sd

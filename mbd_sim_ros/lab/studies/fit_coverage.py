@@ -66,8 +66,9 @@ def file_of(use: tuple[str, ...]) -> FitFile:
     )  # fmt: skip
 
 
-def drives(seed: int, swing: float) -> tuple[Problem, dict[str, float]]:
-    """The problem of a synthetic drive, and its truth. swing: of its steering."""
+def drives(seed: int, swing: float, *, loud: float = 1.0) -> tuple[Problem, dict[str, float]]:
+    """The problem of a synthetic drive, and its truth, of steering and sensors too. swing: of its steering. loud:
+    factor of noise and disturbance; at 0 the model explains all."""
     random = np.random.default_rng(seed)
     car = UsualTrack(1500.0, *distances(2.7, 0.54), H, Size())
     file = file_of(('one', 'two', 'held'))
@@ -90,8 +91,8 @@ def drives(seed: int, swing: float) -> tuple[Problem, dict[str, float]]:
         grid = t[::4]
         shown = np.interp(t - late['steering'], t, angle) * (1.0 + gain['steering']) + TURNED * off['steering']
         tracks = {
-            'angle': Track(t, shown + 0.002 * random.standard_normal(t.size)),
-            'speed': Track(t, v + 0.02 * random.standard_normal(t.size)),
+            'angle': Track(t, shown + loud * 0.002 * random.standard_normal(t.size)),
+            'speed': Track(t, v + loud * 0.02 * random.standard_normal(t.size)),
         }
         for channel, column in (('yaw_rate', 'r'), ('lateral_acceleration', 'ay')):
             kind = KINDS[channel]
@@ -99,8 +100,15 @@ def drives(seed: int, swing: float) -> tuple[Problem, dict[str, float]]:
                 channel, car.com, car.com, 0.0, late[channel], 1.0 + gain[channel], kind.offset * off[channel]
             )
             disturbed = Noise(kind.noise, LACK[channel], LACK_TIME).factor(grid) @ random.standard_normal(grid.size)
-            tracks[column] = Track(grid, sensor.at(rows, given.dt, grid) + disturbed)
+            tracks[column] = Track(grid, sensor.at(rows, given.dt, grid) + loud * disturbed)
         found.append(Data(name, 'held_out' if name == 'held' else 'fit', tracks))
+    # the car steers gain (channel(t + delay) + offset)
+    truth |= {
+        'steering.delay': late['steering'], 'steering.gain': 1.0 / (1.0 + gain['steering']),
+        'steering.offset': -TURNED * RATIO * off['steering'],
+    }  # fmt: skip
+    for c in LACK:
+        truth |= {f'{c}.delay': late[c], f'{c}.gain': 1.0 + gain[c], f'{c}.offset': KINDS[c].offset * off[c]}
     return Problem(file, Path(), data=found, car=car), truth
 
 
