@@ -269,7 +269,7 @@ def _applied(messages: Mapping[int, bytes], where: Path, *, ordered: bool = True
     ):
         raise BagError(
             f'{where} is damaged: the topic {APPLIED} holds an input that is not finite, or a step that is no whole '
-            'number'
+            f'number from 0 to below {MOST_STEPS:.0e}'
         )
     return names[:-1], table[np.argsort(table[:, -1], kind='stable')] if ordered else table
 
