@@ -26,7 +26,7 @@ from solver.files.yaml_tree import node_of, text_of
 SAMPLES = 64  # of the distribution, a power of two; ten times as many make a sweep of hours
 SHOWN = 4  # windows held out that the page shows, of every signal; ten times as many make a page of megabytes
 DRAWN = 6  # vectors by which the page draws what the parameters leave open; ten times as many take minutes
-TRUST = 'The intervals are somewhat too small: of 95 % ones 92 % hold the truth of synthetic drives (docs/fitting.md)'
+TRUST = 'The intervals are somewhat too small: of 95 % ones 93 % hold the truth of synthetic drives (docs/fitting.md)'
 RELATED = 0.8  # correlation from which the page names a pair; from 0.08 on it names nearly all
 
 
