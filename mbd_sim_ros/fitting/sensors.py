@@ -45,7 +45,8 @@ def _horizontal(axis: int) -> Any:
 
     def of(rows: np.ndarray, arm: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
         turned = Rotation.from_quat(rows[:, 15:19])
-        force, ahead = turned.apply(_specific_force(rows, arm, dt)), turned.apply([1.0, 0.0, 0.0])
+        force = turned.apply(np.array(_specific_force(rows, arm, dt)))  # a copy: motions that are kept are read-only
+        ahead = turned.apply([1.0, 0.0, 0.0])
         size = np.hypot(ahead[:, 0], ahead[:, 1])
         along, left = (ahead[:, 0], ahead[:, 1]) if axis == 0 else (-ahead[:, 1], ahead[:, 0])
         return np.asarray((along * force[:, 0] + left * force[:, 1]) / size)

@@ -220,6 +220,7 @@ def test_a_horizontal_acceleration_is_without_the_weight() -> None:
     rows[:, :3] = turned.inv().apply(2.0 * ahead + 3.0 * left + [0.0, 0.0, 9.81])
     rows[:, 15:19] = turned.as_quat()
     t, origin = 0.1 * np.arange(9), (0.0, 0.0, 0.0)
+    rows.flags.writeable = False  # as those are that were kept
     shown = {
         (name, horizontal): Sensor(name, origin, origin, 0.0, horizontal=horizontal).at(rows, 0.1, t)[4]
         for name in ('longitudinal_acceleration', 'lateral_acceleration')
