@@ -192,7 +192,7 @@ def _simulate() -> int:
             'parameter scene is empty: give one with --ros-args -p scene:=NAME; known: ' + ', '.join(known_names())
         )
     interrupts.now(f'preparing {name}')
-    node.get_logger().info(f'preparing {name} (the first time this compiles, which takes about a minute)')
+    node.get_logger().info(f'preparing {name} (the first time this compiles, which takes a minute or two)')
     scene, simulation = prepare(name, [text for text in node.value('overrides') if text])
     # All threads share the lock of the interpreter. The simulation gives it up a dozen times a step (compiled code,
     # publishing), and waits up to SWITCH to get it back while the executor or the recorder computes. gc.freeze() keeps
