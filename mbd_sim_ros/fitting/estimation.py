@@ -1,8 +1,7 @@
 """The fit: nuisances alone, then all, with weights from the residuals; intervals; judged by recordings held out.
 
 1. The vehicle as it is given: only steering and sensors are fitted. Its error on what is held out is that *before*.
-2. All unknowns, again and again: the residuals of each fit are weighted by noise and discrepancy of those of the one
-   before, until the weights settle.
+2. All unknowns, three times: from the second time on the residuals are weighted by their own noise and discrepancy.
 3. The intervals are those of the scatter of the windows, which are right also where residuals are not what the weights
    say (covariance.py).
 4. What is held out is driven by the result. A result that predicts it worse is refused.
@@ -28,12 +27,9 @@ from mbd_sim_ros.fitting.solve import Found, descend
 from mbd_sim_ros.fitting.unknowns import FARTHEST
 from solver.errors import BagError, SpecError, StepError
 
-# fits with weights from the residuals of the one before, at most: three settle most of them; ten times as many would
-# wait for weights that spring
-ROUNDS = 8
-# of the least sd of an unknown, the others held: by which a result may move with new weights; ten times as much stops
-# on the way
-SETTLED = 0.3
+ROUNDS = (
+    2  # fits with weights from the residuals of the one before: the sum of squares of a third one is the same to 1e-4
+)
 RECENTRED = 6  # times that a level is derived anew; ten times as many would wait for what does not converge
 # of the least sd of an unknown, the others held: by which a result may move from where it was derived; ten times as
 # much takes a linear level far from its centre
@@ -132,16 +128,18 @@ def _fit(problem: Problem, out: str | Path | None, say: Say) -> Fitted:
     except SpecError:
         say('which maneuvers would tell more')
         require_told(look_ahead(problem, first.x, J=J))
-    # weights of a few percent of the signals, as before any fit, are so sure of a model that lacks more that what is
-    # known before counts for nothing, and a fit leaves for where none of it holds
-    problem.set_noise(noise_of(problem, first.r, which))
     starts: list[np.ndarray | Found] = [first._replace(J=J), *_starts(problem, first.x)]
     minima = []
     for k, begin in enumerate(starts):
         say(f'all unknowns, start {k + 1} of {len(starts)}')
+        problem.reset_noise()
         minima.append(descend(problem, begin, which, everything, say, rest=False))
-    best = _weighted(problem, min(minima, key=lambda one: one.cost), which, everything, say)
-    if problem.car.centre:  # its level was derived there
+    best = min(minima, key=lambda one: one.cost)
+    for k in range(ROUNDS):
+        say(f'weights from the residuals, {k + 1} of {ROUNDS}')
+        problem.set_noise(noise_of(problem, best.r, which))
+        best = descend(problem, best, which, everything, say, rest=k == ROUNDS - 1)
+    if problem.file.level == 'single_track':
         best = _recentred(problem, best, which, everything, say)
     covariance, ratio = covariance_of(problem, best)
     estimates = _estimates(problem, best, covariance, ratio)
@@ -155,17 +153,6 @@ def _fit(problem: Problem, out: str | Path | None, say: Say) -> Fitted:
     )  # fmt: skip
 
 
-def _weighted(problem: Problem, found: Found, which: list[int], free: np.ndarray, say: Say) -> Found:
-    """The minimum with weights from its own residuals, as far as they settle."""
-    for k in range(ROUNDS):
-        say(f'weights from the residuals, {k + 1} of {ROUNDS} at most')
-        problem.set_noise(noise_of(problem, found.r, which))
-        before, found = found, descend(problem, found, which, free, say)
-        if float(np.max(np.abs(found.x - before.x) / _least_sd(problem, found, which))) < SETTLED:
-            break
-    return found
-
-
 def _recentred(problem: Problem, best: Found, which: list[int], free: np.ndarray, say: Say) -> Found:
     """The minimum of a level that is linear in its numbers, derived anew there until it is where it was derived.
 
@@ -177,7 +164,9 @@ def _recentred(problem: Problem, best: Found, which: list[int], free: np.ndarray
         say('deriving the level at the result')
         problem.linearize(centre)
         found = descend(problem, centre, which, free, say)
-        step = (found.x - centre) / _least_sd(problem, found, which)
+        W = problem.white(found.J, which)
+        sd = 1.0 / np.sqrt(np.diag(W.T @ W + np.diag(problem.prior + 1e-12)))
+        step = (found.x - centre) / sd
         if float(np.max(np.abs(step))) < SAME:
             return found
         turns = 0.0 if before is None else min(float(step @ before) / float(before @ before), 0.0)
@@ -185,12 +174,6 @@ def _recentred(problem: Problem, best: Found, which: list[int], free: np.ndarray
     raise StepError(
         'level: the fit at level single_track does not come to rest where its tables were derived; take full or kc'
     )
-
-
-def _least_sd(problem: Problem, found: Found, which: list[int]) -> np.ndarray:
-    """(n,) standard deviations of the unknowns, each with the others held."""
-    W = problem.white(found.J, which)
-    return np.asarray(1.0 / np.sqrt(np.sum(W * W, axis=0) + problem.prior + 1e-12))
 
 
 def _starts(problem: Problem, x: np.ndarray) -> list[np.ndarray]:

@@ -216,28 +216,6 @@ def test_white_residuals_are_taken_for_white() -> None:
     assert found.size < 0.25
 
 
-def test_weights_settle(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Weights are taken from the residuals until they do not move the result any more: another fit with those of the
-    result moves nothing by a standard deviation's half; begun with weights that are too sure by ten, and with equal
-    ones, the result is the same."""
-    ends = []
-    for first in (Noise(0.03, 0.01, 0.4), Noise(3.0, 1.0, 0.4)):
-        problem = Linear(4, windows=6, discrepancy=0.5, prior=0.4)
-        which, free = problem.of('fit'), np.ones(3, bool)
-        problem.set_noise({'signal': first})
-        begin = descend(problem, problem.start, which, free)
-        found = estimation._weighted(problem, begin, which, free, lambda _: None)
-        sd = estimation._least_sd(problem, found, which)
-        problem.set_noise(noise_of(problem, found.r, which))
-        assert np.abs(descend(problem, found, which, free).x - found.x).max() < 0.5 * sd.min()
-        ends.append(found.x / sd)
-    assert np.abs(ends[0] - ends[1]).max() < 2.0 * estimation.SETTLED
-    asked = []
-    monkeypatch.setattr(estimation, 'descend', lambda problem, found, *_: asked.append(1) or found)
-    estimation._weighted(problem, found, which, free, lambda _: None)
-    assert len(asked) == 1  # what does not move is settled
-
-
 def test_whitened() -> None:
     """Over its Cholesky factor a covariance is the identity."""
     t = np.sort(np.random.default_rng(0).random(30))
