@@ -44,9 +44,9 @@ class Watch(NamedTuple):
 def watch_of(simulation: Simulation) -> Watch:
     """Watches of the envelope of a simulation besides the ranges of a level."""
     envelope = Envelope(simulation)
-    impossible = envelope._impossible[0] if envelope._impossible else None
-    joints, limits = (impossible._joints, impossible._watches) if impossible else ([], [])
-    wheels = impossible._wheels if impossible else None
+    impossible = envelope.impossible[0] if envelope.impossible else None
+    joints, limits = (impossible.joints, impossible.watches) if impossible else ([], [])
+    wheels = impossible.wheels if impossible else None
     names: dict[Check, list[str]] = {}
     for one in limits:
         names.setdefault(one.check, []).append(one.where)
@@ -56,27 +56,27 @@ def watch_of(simulation: Simulation) -> Watch:
     ]
     of_wheels, pairs, whole = [], [], False
     if wheels is not None:
-        whole, pairs = wheels._whole, wheels._pairs
+        whole, pairs = wheels.whole, wheels.pairs
         # of its own body, of the place of its contact, of the body that carries it
-        pose = wheels._pose.start + POSE * np.array([wheels._own, wheels._carrier if whole else wheels._own])
+        pose = wheels.pose.start + POSE * np.array([wheels.own, wheels.carrier if whole else wheels.own])
         tire, radii = (
-            wheels._tire.start + len(TIRE_COLUMNS) * wheels._rows + TIRE_COLUMNS.index('px'),
-            [0.0] * len(wheels._names),
+            wheels.tire.start + len(TIRE_COLUMNS) * wheels.rows + TIRE_COLUMNS.index('px'),
+            [0.0] * len(wheels.names),
         )
-        design = wheels._design if whole else np.zeros_like(wheels._centre)
+        design = wheels.design if whole else np.zeros_like(wheels.centre)
         if whole:
             radii = [one.limit for one in limits if one.check is SUSPENSION]
-        for k in range(len(wheels._names)):
-            vectors = (*wheels._centre[k], *wheels._axis[k], *design[k], radii[k])
+        for k in range(len(wheels.names)):
+            vectors = (*wheels.centre[k], *wheels.axis[k], *design[k], radii[k])
             of_wheels.append((int(pose[0, k]), int(tire[k]), int(pose[1, k]), *map(float, vectors)))
-    leans = [(lean._place.start, *map(float, lean._normal)) for lean in envelope._leans]
+    leans = [(lean.place.start, *map(float, lean.normal)) for lean in envelope.leans]
     loads = [
         (int(place), float(end))
-        for carried in envelope._carried
-        for place, end in zip(carried._places, carried._ends, strict=True)
+        for carried in envelope.carried
+        for place, end in zip(carried.places, carried.ends, strict=True)
     ]
-    names |= {ROLLOVER: [lean._name for lean in envelope._leans]} if leans else {}
-    names |= {TIRE_LOAD: envelope._carried[0]._names} if loads else {}
+    names |= {ROLLOVER: [lean.name for lean in envelope.leans]} if leans else {}
+    names |= {TIRE_LOAD: envelope.carried[0].names} if loads else {}
     watches = len(of_joints) + len(of_wheels) * (3 if whole else 1) + len(pairs)
     sums = np.zeros(len(loads) + MEMORY_OF_LOADS + len(of_wheels))
     memory = np.concatenate([[0.0, np.inf] * watches, [1.0, 0.0] * len(leans), sums])

@@ -166,14 +166,14 @@ class _Lean:
     road's normal."""
 
     def __init__(self, simulation: Simulation, body: str) -> None:
-        self._name, self._normal = body, simulation.model.spec.road.normal
+        self.name, self.normal = body, simulation.model.spec.road.normal
         begin = layout_of(simulation.channels)['pose'][0].start + 7 * simulation.channels.bodies.index(body) + 3
-        self._place = slice(begin, begin + 4)
+        self.place = slice(begin, begin + 4)
         self.least, self.time = 1.0, 0.0
 
     def fold(self, rows: np.ndarray, times: np.ndarray) -> None:
-        x, y, z, w = rows[:, self._place].T
-        a, b, c = self._normal
+        x, y, z, w = rows[:, self.place].T
+        a, b, c = self.normal
         cosine = 2.0 * (a * (x * z + w * y) + b * (y * z - w * x)) + c * (1.0 - 2.0 * (x * x + y * y))
         k = int(np.argmin(np.where(cosine < self.least, cosine, self.least)))
         if cosine[k] < self.least:
@@ -183,7 +183,7 @@ class _Lean:
         angle = math.acos(max(-1.0, self.least))
         if angle <= LEANING:
             return None
-        return ROLLOVER.finding(Measured(value=angle, time=self.time, where=self._name))
+        return ROLLOVER.finding(Measured(value=angle, time=self.time, where=self.name))
 
 
 class _Carried:
@@ -192,15 +192,15 @@ class _Carried:
     def __init__(self, simulation: Simulation, ends: dict[str, float]) -> None:
         wheels = simulation.channels.wheels
         place, shape = layout_of(simulation.channels)['tire']
-        self._names, self._ends = list(ends), np.array(list(ends.values()))
-        self._places = (
+        self.names, self.ends = list(ends), np.array(list(ends.values()))
+        self.places = (
             place.start + shape[1] * np.array([wheels.index(name) for name in ends]) + TIRE_COLUMNS.index('fz')
         )
         self._sum, self._n, self._begin, self._time = np.zeros(len(ends)), 0, 0.0, 0.0
         self.worst = (0.0, 0, 0.0, 0.0)  # of the end of the data; which tire, its load [N], until when [s]
 
     def fold(self, rows: np.ndarray, times: np.ndarray) -> None:
-        loads = rows[:, self._places]
+        loads = rows[:, self.places]
         while len(loads):
             if self._n == 0:
                 self._begin = float(times[0])
@@ -219,16 +219,16 @@ class _Carried:
 
     def _close(self) -> None:
         loads = self._sum / self._n
-        k = int(np.argmax(loads / self._ends))
-        if loads[k] / self._ends[k] > self.worst[0]:
-            self.worst = (float(loads[k] / self._ends[k]), k, float(loads[k]), self._time)
-        self._sum, self._n = np.zeros(len(self._names)), 0
+        k = int(np.argmax(loads / self.ends))
+        if loads[k] / self.ends[k] > self.worst[0]:
+            self.worst = (float(loads[k] / self.ends[k]), k, float(loads[k]), self._time)
+        self._sum, self._n = np.zeros(len(self.names)), 0
 
     def finding(self) -> Finding | None:
         part, k, load, time = self.worst
         if part <= 1.0:
             return None
-        return TIRE_LOAD.finding(Measured(value=load, limit=float(self._ends[k]), time=time, where=self._names[k]))
+        return TIRE_LOAD.finding(Measured(value=load, limit=float(self.ends[k]), time=time, where=self.names[k]))
 
 
 class Envelope:
@@ -257,12 +257,12 @@ class Envelope:
                 watched.append(_Frequency(limit, simulation.channels, size))
         with self._lock:
             self._watched = watched
-            self._rows = np.zeros((ROWS, len(new_numbers(layout_of(simulation.channels)))))
+            self.rows = np.zeros((ROWS, len(new_numbers(layout_of(simulation.channels)))))
             self._times, self._count = np.zeros(ROWS), 0
-            self._leans = [_Lean(simulation, body) for body in _upright(simulation)]
-            self._carried = [_Carried(simulation, ends)] if (ends := _ends_of_data(simulation)) else []
-            self._impossible = [one] if self._leans and (one := Impossible(simulation)) else []
-            self._follows = bool(self._watched or self._leans or self._carried)
+            self.leans = [_Lean(simulation, body) for body in _upright(simulation)]
+            self.carried = [_Carried(simulation, ends)] if (ends := _ends_of_data(simulation)) else []
+            self.impossible = [one] if self.leans and (one := Impossible(simulation)) else []
+            self._follows = bool(self._watched or self.leans or self.carried)
 
     @property
     def watches(self) -> bool:
@@ -288,11 +288,11 @@ class Envelope:
             while len(rows):
                 n = min(ROWS - self._count, len(rows))
                 here = slice(self._count, self._count + n)
-                self._rows[here], self._times[here] = rows[:n], t_ns[:n] * 1e-9
+                self.rows[here], self._times[here] = rows[:n], t_ns[:n] * 1e-9
                 self._count, rows, t_ns = self._count + n, rows[n:], t_ns[n:]
                 if self._count == ROWS:  # together, for that takes less of a step than each when it comes
-                    for one in (*self._watched, *self._impossible, *self._leans, *self._carried):
-                        one.fold(self._rows, self._times)
+                    for one in (*self._watched, *self.impossible, *self.leans, *self.carried):
+                        one.fold(self.rows, self._times)
                     self._count = 0
 
     def findings(self, *, ended: bool = True) -> list[Finding]:
@@ -302,9 +302,9 @@ class Envelope:
         ended: nothing more is to come, so windows that are not full are judged as well.
         """
         with self._lock:
-            present, states = [copy.copy(watched) for watched in self._watched], [*map(copy.copy, self._impossible)]
-            leans, loads = [*map(copy.copy, self._leans)], [*map(copy.copy, self._carried)]
-            rows, times = self._rows[: self._count].copy(), self._times[: self._count].copy()
+            present, states = [copy.copy(watched) for watched in self._watched], [*map(copy.copy, self.impossible)]
+            leans, loads = [*map(copy.copy, self.leans)], [*map(copy.copy, self.carried)]
+            rows, times = self.rows[: self._count].copy(), self._times[: self._count].copy()
         for one in (*present, *states, *leans, *loads) if len(rows) else ():
             one.fold(rows, times)
         found = [finding for state in states for finding in state.findings()]

@@ -53,38 +53,39 @@ class _Watch(NamedTuple):
 class Impossible:
     """Follows rows of snapshots: fold(), from any state; findings() says what was. A copy of it goes its own way.
 
-    It is there for vehicles, which have a category and a chassis; of others nothing is followed.
+    It is there for vehicles, which have a category and a chassis; of others nothing is followed. joints: place of a
+    joint among the numbers of a snapshot, and its limit; wheels: of the vehicle; watches: limits, of joints first.
     """
 
     def __init__(self, simulation: Simulation) -> None:
         model, channels = simulation.model.spec, simulation.channels
-        self._layout, self._watches = layout_of(channels), []
+        self._layout, self.watches = layout_of(channels), []
         self._worst: np.ndarray = np.zeros(0)
         self._first: np.ndarray = np.zeros(0)
-        self._joints: list[tuple[int, float]] = []
+        self.joints: list[tuple[int, float]] = []
         if 'steering_wheel' in channels.joints and model.lock is not None:
             self._joint(channels.joints.index('steering_wheel'), STEERING_END, 'steering_wheel', PRESSED * model.lock)
         if ARTICULATION in channels.joints:
             self._joint(channels.joints.index(ARTICULATION), FOLDED, TRAILER, folded_at(model))
-        self._wheels = _Wheels(model, simulation) if simulation.of_bodies else None
-        if self._wheels is not None:
-            self._watches += self._wheels.watches
-        self._worst, self._first = np.zeros(len(self._watches)), np.full(len(self._watches), math.inf)
+        self.wheels = _Wheels(model, simulation) if simulation.of_bodies else None
+        if self.wheels is not None:
+            self.watches += self.wheels.watches
+        self._worst, self._first = np.zeros(len(self.watches)), np.full(len(self.watches), math.inf)
 
     def _joint(self, k: int, check: Check, where: str, limit: float) -> None:
-        self._joints.append((self._layout['joint_position'][0].start + k, limit))
-        self._watches.append(_Watch(check, where, limit, 1.0))
+        self.joints.append((self._layout['joint_position'][0].start + k, limit))
+        self.watches.append(_Watch(check, where, limit, 1.0))
 
     def __bool__(self) -> bool:
-        return bool(self._watches)
+        return bool(self.watches)
 
     def fold(self, rows: np.ndarray, times: np.ndarray) -> None:
         """Follow snapshots, rows of numbers (n, size), at times (n,) [s]."""
-        columns = [np.abs(rows[:, [place for place, _ in self._joints]])]
-        if self._wheels is not None:
-            columns.append(self._wheels.values(rows))
+        columns = [np.abs(rows[:, [place for place, _ in self.joints]])]
+        if self.wheels is not None:
+            columns.append(self.wheels.values(rows))
         values = np.concatenate(columns, axis=1)
-        sign, limit = (np.array([getattr(watch, name) for watch in self._watches]) for name in ('sign', 'limit'))
+        sign, limit = (np.array([getattr(watch, name) for watch in self.watches]) for name in ('sign', 'limit'))
         beyond = sign * (values - limit)
         worst, first = self._worst.copy(), self._first.copy()
         for k in np.flatnonzero((beyond > 0.0).any(axis=0)).tolist():
@@ -96,7 +97,7 @@ class Impossible:
         """Findings, of every kind the one that began first, with the worst value and the time at which it began."""
         found: dict[str, Finding] = {}
         begun: dict[str, float] = {}
-        for watch, worst, first in zip(self._watches, self._worst.tolist(), self._first.tolist(), strict=True):
+        for watch, worst, first in zip(self.watches, self._worst.tolist(), self._first.tolist(), strict=True):
             name = watch.check.name
             if first < begun.get(name, math.inf):
                 value = watch.limit + watch.sign * worst
@@ -112,55 +113,55 @@ class _Wheels:
 
     def __init__(self, model: ModelSpec, simulation: Simulation) -> None:
         channels, layout = simulation.channels, layout_of(simulation.channels)
-        self._pose, self._tire = layout['pose'][0], layout['tire'][0]
+        self.pose, self.tire = layout['pose'][0], layout['tire'][0]
         self._bodies, self._tires = len(channels.bodies), len(channels.wheels)
         bodies = {body.name: body for body in model.bodies}
         whole = bool(model.category) and model.chassis is not None
-        self._names = [tire.name for tire in model.tires]
-        self._own = np.array([channels.bodies.index(tire.marker.body) for tire in model.tires], int)
-        self._rows = np.array([channels.wheels.index(name) for name in self._names], int)
-        self._centre = np.array([tire.marker.position for tire in model.tires]).reshape(-1, 3)
-        self._axis = np.array([matrix(tire.marker.orientation)[:, 1] for tire in model.tires]).reshape(-1, 3)
+        self.names = [tire.name for tire in model.tires]
+        self.own = np.array([channels.bodies.index(tire.marker.body) for tire in model.tires], int)
+        self.rows = np.array([channels.wheels.index(name) for name in self.names], int)
+        self.centre = np.array([tire.marker.position for tire in model.tires]).reshape(-1, 3)
+        self.axis = np.array([matrix(tire.marker.orientation)[:, 1] for tire in model.tires]).reshape(-1, 3)
         radii = [float(tire.data['UNLOADED_RADIUS']) for tire in model.tires]
         carriers = [
             TRAILER if TRAILER in bodies and tire.name.startswith(TRAILER) else model.chassis or ''
             for tire in model.tires
         ]
-        self.watches = [_Watch(UNDER_ROAD, name, 0.0, 1.0) for name in self._names]
-        self._whole, self._pairs = whole, []
+        self.watches = [_Watch(UNDER_ROAD, name, 0.0, 1.0) for name in self.names]
+        self.whole, self.pairs = whole, []
         if not whole:
             return
-        self._carrier = np.array([channels.bodies.index(name) for name in carriers], int)
-        self._design = np.array(
+        self.carrier = np.array([channels.bodies.index(name) for name in carriers], int)
+        self.design = np.array(
             [_within(bodies[c], bodies[t.marker.body], t.marker.position) for c, t in zip(carriers, model.tires)]
         )
-        self.watches += [_Watch(SUSPENSION, name, radius, 1.0) for name, radius in zip(self._names, radii, strict=True)]
-        self.watches += [_Watch(WHEEL_AXIS, name, 0.5 * math.pi, 1.0) for name in self._names]
-        stems = {name[: -len(SIDES[0])] for name in self._names if name.endswith(SIDES[0])}
-        self._pairs = [
-            (self._names.index(stem + SIDES[0]), self._names.index(stem + SIDES[1]))
+        self.watches += [_Watch(SUSPENSION, name, radius, 1.0) for name, radius in zip(self.names, radii, strict=True)]
+        self.watches += [_Watch(WHEEL_AXIS, name, 0.5 * math.pi, 1.0) for name in self.names]
+        stems = {name[: -len(SIDES[0])] for name in self.names if name.endswith(SIDES[0])}
+        self.pairs = [
+            (self.names.index(stem + SIDES[0]), self.names.index(stem + SIDES[1]))
             for stem in sorted(stems)
-            if stem + SIDES[1] in self._names
+            if stem + SIDES[1] in self.names
         ]
-        self.watches += [_Watch(CROSSED, self._names[left], 0.0, -1.0) for left, _ in self._pairs]
+        self.watches += [_Watch(CROSSED, self.names[left], 0.0, -1.0) for left, _ in self.pairs]
 
     def values(self, rows: np.ndarray) -> np.ndarray:
         """(n, watches) of rows (n, size)."""
-        poses = rows[:, self._pose].reshape(len(rows), self._bodies, 7)
-        tires = rows[:, self._tire].reshape(len(rows), self._tires, -1)[:, self._rows]
-        place, turn = poses[:, self._own, :3], _matrices(poses[:, self._own, 3:])
-        centre = place + np.einsum('nwij,wj->nwi', turn, self._centre)
+        poses = rows[:, self.pose].reshape(len(rows), self._bodies, 7)
+        tires = rows[:, self.tire].reshape(len(rows), self._tires, -1)[:, self.rows]
+        place, turn = poses[:, self.own, :3], _matrices(poses[:, self.own, 3:])
+        centre = place + np.einsum('nwij,wj->nwi', turn, self.centre)
         at, over = TIRE_COLUMNS.index('px'), TIRE_COLUMNS.index('qx')
         normal = _matrices(tires[:, :, over : over + 4])[..., 2]
         columns = [-np.einsum('nwi,nwi->nw', normal, centre - tires[:, :, at : at + 3])]
-        if self._whole:
-            frame = _matrices(poses[:, self._carrier, 3:])
-            within = np.einsum('nwji,nwj->nwi', frame, centre - poses[:, self._carrier, :3])
-            columns.append(np.sqrt(np.square(within - self._design).sum(axis=2)))
-            axis = np.einsum('nwij,wj->nwi', turn, self._axis)
+        if self.whole:
+            frame = _matrices(poses[:, self.carrier, 3:])
+            within = np.einsum('nwji,nwj->nwi', frame, centre - poses[:, self.carrier, :3])
+            columns.append(np.sqrt(np.square(within - self.design).sum(axis=2)))
+            axis = np.einsum('nwij,wj->nwi', turn, self.axis)
             columns.append(np.arccos(np.clip(np.einsum('nwi,nwi->nw', axis, frame[..., 1]), -1.0, 1.0)))
             columns.append(
-                np.array([within[:, left, 1] - within[:, right, 1] for left, right in self._pairs])
+                np.array([within[:, left, 1] - within[:, right, 1] for left, right in self.pairs])
                 .reshape(-1, len(rows))
                 .T
             )
