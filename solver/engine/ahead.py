@@ -13,7 +13,6 @@ import os
 import select
 import signal
 import threading
-import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -28,14 +27,14 @@ from solver.compiled.kernel import KERNELS
 
 WAITING = 'mbd:ahead'  # event of numba that is told again and again while this process waits for the other one
 LOOKS = 0.05  # s between two looks at the other process; ten times as long lets the last wait be half a second longer
-# s without any CPU time, after which the other process hangs in a lock of a thread that it does not have, and is given
-# up: a compiler always computes. Ten times as long lets a user wait for five minutes.
+# s of looks in a row without any CPU time, after which the other process hangs in a lock of a thread that it does not
+# have, and is given up: a compiler always computes. Ten times as long lets a user wait for five minutes.
 HUNG = 30.0
 # Threads beside which a process is forked: that of tqdm and that of mbd_sim_ros.interrupts hold no lock that a compiler
 # needs. Any other may.
 HARMLESS = 'TMonitor', 'signals'
 PR_SET_PDEATHSIG = 1  # of prctl(2)
-DONE, KERNEL = b'.', b'k'
+DONE, KERNEL = b'.', b'k'  # what the other process says: a part is done, a kernel is compiled
 
 elsewhere = 0  # kernels that other processes have compiled for this one
 
@@ -48,6 +47,7 @@ class Ahead(event.Listener):
         self._begun = len(os.sched_getaffinity(0)) < 2 or bool(numba.config.DISABLE_JIT)
         self._listens = False
         self._child, self._pipe, self._done = 0, -1, 0
+        self._owner = os.getpid()  # a process that is forked later has a copy, and no child
 
     def __enter__(self) -> Ahead:
         if not self._begun:
@@ -107,7 +107,7 @@ class Ahead(event.Listener):
         global elsewhere
         if not self._child:
             return
-        seen, since = 0, time.monotonic()
+        seen = idle = 0
         try:
             while self._child and self._done < parts:
                 if select.select([self._pipe], [], [], LOOKS)[0]:
@@ -119,9 +119,9 @@ class Ahead(event.Listener):
                 interruption.check()
                 event.broadcast(event.Event(WAITING, event.EventStatus.START))
                 used = _ticks(self._child)
-                if used != seen:
-                    seen, since = used, time.monotonic()
-                if time.monotonic() - since > HUNG:
+                idle = idle + 1 if used == seen else 0  # looks, and no clock: both may have been stopped for long
+                seen = used
+                if idle * LOOKS > HUNG:
                     self._end()
         except BaseException:
             self._end()
@@ -130,9 +130,12 @@ class Ahead(event.Listener):
             self._end()
         event.broadcast(event.Event(WAITING, event.EventStatus.END))
 
+    def __del__(self) -> None:
+        self._end()  # of an engine that never started
+
     def _end(self) -> None:
         """End the other process."""
-        if self._child:
+        if self._child and self._owner == os.getpid():
             os.kill(self._child, signal.SIGKILL)
             os.waitpid(self._child, 0)
             os.close(self._pipe)

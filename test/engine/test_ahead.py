@@ -100,6 +100,19 @@ def test_a_process_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> No
     assert time.monotonic() - began < 5.0
 
 
+def test_an_engine_that_never_starts_leaves_no_process() -> None:
+    child = Ahead(lambda: time.sleep(600.0))
+    with child:
+        missing()
+    copied = os.fork()
+    if not copied:  # a copy of it in another process ends nothing
+        child.__del__()
+        os._exit(0)
+    os.waitpid(copied, 0)
+    assert os.waitpid(child._child, os.WNOHANG) == (0, 0)
+    del child
+
+
 def test_an_interruption_ends_both() -> None:
     def interrupted() -> None:
         with Ahead(lambda: time.sleep(600.0)) as child:
