@@ -45,6 +45,8 @@ class BagError(MbdError):
 
 OWN = ('solver', 'mbd_sim_ros')  # packages of this program
 PACKAGES = {'yaml': 'pyyaml'}  # name of a module -> that of its package, where it is another one
+# of ratios of difflib: names as close as each other; ten times as much takes all that are suggested for alike
+ALIKE = 0.05
 
 
 def missing(error: ImportError) -> str:
@@ -89,9 +91,10 @@ def suggestion(name: str, known: Iterable[str], unlisted: Iterable[str] = ()) ->
         one: difflib.SequenceMatcher(None, one, name) for one in difflib.get_close_matches(name, [*known, *unlisted])
     }
     if close:
-        # of those about as close, the one that is most in one piece of the name: for energy energies, not every
+        # the one of which most is one piece of the name: for energy energies, and not every
         best = max(matcher.ratio() for matcher in close.values())
-        pieces = {one: m.find_longest_match().size / len(one) for one, m in close.items() if m.ratio() > best - 0.05}
+        alike = {one: matcher for one, matcher in close.items() if matcher.ratio() > best - ALIKE}
+        pieces = {one: matcher.find_longest_match().size / len(one) for one, matcher in alike.items()}
         return f'; did you mean {max(pieces, key=pieces.__getitem__)!r}?'
     if not known:
         return '; none are defined'

@@ -8,9 +8,8 @@ from pathlib import Path
 
 DOCS = Path(__file__).parents[1]
 LONG = 1000  # words, four minutes of reading; with ten times as many, pages that most need contents had none
-VERY_LONG = (
-    10_000  # words, from which on a chapter has a line of its own, with its parts; ten times as many has no page
-)
+# words, from which on a chapter has a line of its own, with its parts; ten times as many has no page
+VERY_LONG = 10_000
 FEWEST = 3  # headings; ten times as many has no page
 PART = re.compile(r'<!-- contents -->\n.*?<!-- end -->\n\n?', re.DOTALL)
 FENCE = re.compile(r'^```.*?^```', re.DOTALL | re.MULTILINE)

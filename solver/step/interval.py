@@ -285,7 +285,7 @@ def advance_adapting(tables, c, control, s0, s1, inputs, first, count, k, audit,
                 return StepResult(BAD_INPUT, i, total), 0, False
     old, new = s0, s1
     swapped = False
-    left = np.int64(ATTEMPTS)  # no literal, as what is left is none
+    left = np.int64(ATTEMPTS)  # with a type: numba compiles a callee once more for a literal
     done = 0
     status, where = OK, 0
     while done < count and status == OK:
